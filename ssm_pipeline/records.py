@@ -1,0 +1,257 @@
+"""The nouns that travel between the rooms of the pipeline, checked on construction.
+
+World space is LPS (left, posterior, superior), in millimetres, everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import scipy.sparse as sp
+
+
+class CaseError(ValueError):
+    """A case can't be used: says which, what was found, what was needed, what to try."""
+
+    def __init__(self, case_id: str, reason: str) -> None:
+        super().__init__(f"case {case_id}: {reason}")
+        self.case_id = case_id
+        self.reason = reason
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.case_id, self.reason)  # two arguments: survives worker processes
+
+
+class StudyError(ValueError):
+    """A whole study can't run (too few cases, wrong folder, clashing settings)."""
+
+
+@dataclass(frozen=True)
+class Mask:
+    """A binary segmentation in patient space.
+
+    voxels     (Z, Y, X) bool.
+    spacing_mm (3,) voxel size along x, y, z; origin_mm (3,) LPS of voxel (0, 0, 0);
+    direction  (3, 3), columns are the image axes x, y, z in LPS.
+    warnings   what a reader of the report should know of this case.
+    """
+
+    voxels: np.ndarray
+    spacing_mm: np.ndarray
+    origin_mm: np.ndarray
+    direction: np.ndarray
+    case_id: str
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.voxels.ndim != 3:
+            raise CaseError(
+                self.case_id,
+                f"the mask has {self.voxels.ndim} dimensions; 3 are needed. "
+                "Export one 3D volume per case.",
+            )
+        if not (np.all(np.isfinite(self.spacing_mm)) and np.all(np.asarray(self.spacing_mm) > 0)):
+            raise CaseError(
+                self.case_id,
+                f"voxel spacing is {tuple(map(float, self.spacing_mm))} mm; finite positive "
+                "numbers are needed. Correct the image header.",
+            )
+
+    @property
+    def volume_mm3(self) -> float:
+        return float(self.voxels.sum() * np.prod(self.spacing_mm))
+
+    def to_world(self, index_xyz: np.ndarray) -> np.ndarray:
+        """(…, 3) continuous voxel indices in x, y, z order → (…, 3) mm LPS."""
+        return (index_xyz * self.spacing_mm) @ np.asarray(self.direction).T + self.origin_mm
+
+
+@dataclass(frozen=True)
+class CaseSource:
+    """A case not read yet: its id, the files it rests on, and how to read it."""
+
+    case_id: str
+    files: tuple[Path, ...]
+    load: Callable[[], Mask]
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A case left out, at which stage and why."""
+
+    case_id: str
+    stage: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """The cases of a study. `truth` is set for synthetic cohorts only."""
+
+    name: str
+    cases: tuple[CaseSource, ...]
+    dropped: tuple[Dropped, ...] = ()
+    truth: PhantomTruth | None = None
+
+    @property
+    def is_synthetic(self) -> bool:
+        return self.truth is not None
+
+
+@dataclass(frozen=True)
+class PhantomTruth:
+    """Exact correspondences and modes of a synthetic cohort.
+
+    vertices   (N, R, 3) mm: vertex r is the same anatomical point in all N cases.
+    faces      (R_f, 3) int, shared.
+    modes      (M, R, 3) displacement fields, one standard deviation each, mm.
+    scores     (N, M) in standard deviations, as drawn.
+    frames     per case, the rigid motion applied after deformation (identity as scanned).
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    mean: np.ndarray
+    modes: np.ndarray
+    scores: np.ndarray
+    case_ids: tuple[str, ...]
+    frames: tuple[Frame, ...]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh: vertices (V, 3) float64 mm LPS, faces (F, 3) int64, outward oriented."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    case_id: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", np.asarray(self.vertices, dtype=np.float64))
+        object.__setattr__(self, "faces", np.asarray(self.faces, dtype=np.int64))
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3:
+            raise CaseError(self.case_id, f"vertices have shape {self.vertices.shape}, not (V, 3)")
+        if self.faces.ndim != 2 or self.faces.shape[1] != 3:
+            raise CaseError(self.case_id, f"faces have shape {self.faces.shape}, not (F, 3)")
+        if not np.isfinite(self.vertices).all():
+            raise CaseError(self.case_id, "the mesh has vertices that are not finite")
+        if self.faces.size and (self.faces.min() < 0 or self.faces.max() >= len(self.vertices)):
+            raise CaseError(self.case_id, "the mesh has faces that name missing vertices")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A similarity: outer = scale · R · inner + t. Used for unit-area ↔ mm and for alignment."""
+
+    scale: float
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    @staticmethod
+    def identity() -> Frame:
+        return Frame(1.0, np.eye(3), np.zeros(3))
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """(…, 3) → (…, 3)."""
+        return self.scale * points @ self.rotation.T + self.translation
+
+    def inverse(self) -> Frame:
+        rotation = self.rotation.T
+        return Frame(1 / self.scale, rotation, -(rotation @ self.translation) / self.scale)
+
+
+@dataclass(frozen=True)
+class SpectralBasis:
+    """Laplacian eigenpairs and operators of one mesh, centred and scaled to unit area.
+
+    eigenvalues (K,) ascending; eigenvectors (V, K), mass-orthonormal; mass (V,) lumped, sum 1;
+    stiffness (V, V) sparse, positive semidefinite; gradient_x, gradient_y (V, V) sparse: the two
+    tangential components of DiffusionNet's per-vertex gradient; frame: unit-area → millimetres.
+    """
+
+    case_id: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    eigenvalues: np.ndarray
+    eigenvectors: np.ndarray
+    mass: np.ndarray
+    stiffness: sp.csr_matrix
+    gradient_x: sp.csr_matrix
+    gradient_y: sp.csr_matrix
+    frame: Frame
+
+
+@dataclass(frozen=True)
+class Correspondence:
+    """Template vertex → point on a case's surface.
+
+    case_faces (V_t,) int; barycentric (V_t, 3); nearest_vertex (V_t,) int: the case's vertex
+    nearest to the adapted template vertex. `fitted` (V_t, 3) mm: the adapted template X(1, 1)
+    in the case's own space, before it is carried onto the surface.
+    """
+
+    template_id: str
+    case_id: str
+    case_faces: np.ndarray
+    barycentric: np.ndarray
+    nearest_vertex: np.ndarray
+    fitted: np.ndarray
+
+    def points_on(self, case: Mesh) -> np.ndarray:
+        """(V_t, 3) mm: the matched points on the case's surface."""
+        corners = case.vertices[case.faces[self.case_faces]]
+        return np.einsum("vc,vcd->vd", self.barycentric, corners)
+
+
+@dataclass(frozen=True)
+class ShapePath:
+    """The two-parameter family X(t, t_s) = X(t) + t_s Δ_s(t), on the template's faces.
+
+    times (T,) in [0, 1]; pose (T, V, 3) mm: X(t); offsets (T, V, 3) mm: Δ_s(t).
+    """
+
+    template_id: str
+    case_id: str
+    times: np.ndarray
+    pose: np.ndarray
+    offsets: np.ndarray
+    faces: np.ndarray
+
+    def at(self, t: float, t_s: float = 1.0) -> np.ndarray:
+        """(V, 3) mm; linear between the stored times. Raises ValueError outside [0, 1]."""
+        if not (0 <= t <= 1 and 0 <= t_s <= 1):
+            raise ValueError(f"t = {t} and t_s = {t_s}; both must lie in [0, 1]")
+        upper = int(np.clip(np.searchsorted(self.times, t), 1, len(self.times) - 1))
+        low, high = self.times[upper - 1], self.times[upper]
+        w = (t - low) / (high - low)
+        pose = (1 - w) * self.pose[upper - 1] + w * self.pose[upper]
+        offset = (1 - w) * self.offsets[upper - 1] + w * self.offsets[upper]
+        return pose + t_s * offset
+
+
+@dataclass(frozen=True)
+class CorrespondedShapes:
+    """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    case_ids: tuple[str, ...]
+    template_id: str
+
+    def __post_init__(self) -> None:
+        if self.vertices.ndim != 3 or len(self.vertices) != len(self.case_ids):
+            raise ValueError(
+                f"vertices have shape {self.vertices.shape} for {len(self.case_ids)} cases; "
+                "(N, V, 3) is needed"
+            )
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Tidy tables by name, units in the column names."""
+
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
