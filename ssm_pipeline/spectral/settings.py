@@ -1,0 +1,12 @@
+"""Settings of the spectral stage."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ssm_pipeline.settings import Settings
+
+
+class SpectralSettings(Settings):
+    eigenpairs: int = Field(200, ge=2)  # k; the paper: 200, near-isometric cohorts 300
+    descriptors: int = Field(128, ge=2)  # dimensions of the wave kernel signature
