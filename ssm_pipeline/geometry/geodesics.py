@@ -1,0 +1,230 @@
+"""Geodesic distances on a triangle mesh: all pairs, from some vertices, between points.
+
+Distances are lengths of shortest paths in a graph whose edges are straight lines on the surface:
+from each vertex, the triangles around it are unfolded into the plane, strip by strip, and every
+vertex seen in a straight line joins it. So each distance is the length of a real path, never
+shorter than the mesh's own geodesic. Source: unfolding, Chen and Han 1990; graph of direct
+geodesics, Ying, Wang and He 2013.
+
+Measured on a sphere with 5000 evenly spaced vertices against the great circle: see
+`benchmarks/bench_evaluation.py`. Chosen over the heat method and fast marching, which are slower
+and err most at one to three edges, where a good matcher's errors lie.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import dijkstra
+
+from ssm_pipeline.geometry.closest_point import ClosestPoints
+
+STRIPS = 5  # triangles unfolded beyond a vertex's own ring; error and time balanced by measurement
+_CHUNK = 256  # sources a Dijkstra call: bounds the dense block to 256 × V numbers
+
+
+def straight_line_graph(vertices: np.ndarray, faces: np.ndarray, strips: int = STRIPS) -> sp.csr_matrix:
+    """(V, V) symmetric sparse lengths of the straight lines between nearby vertices.
+
+    vertices (V, 3), faces (F, 3) of a manifold, oriented mesh (open or closed). `strips` = 0
+    leaves the mesh's edges alone; each more unfolds one triangle further.
+    """
+    halfedges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    opposite = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
+    across = _twins(halfedges, len(vertices))
+    lengths = np.linalg.norm(vertices[halfedges[:, 1]] - vertices[halfedges[:, 0]], axis=1)
+
+    rows, columns, weights = [halfedges[:, 0]], [halfedges[:, 1]], [lengths]
+    # A window is what a source sees through an edge a → b. In the plane of the unfolded strip a is
+    # the origin, b lies on the positive x axis, the source below it (y < 0); the window is the
+    # interval [low, high] of that axis.
+    edge = np.arange(len(halfedges))
+    source = opposite
+    seen_from = _apex(vertices, halfedges, opposite, lengths, edge) * [1, -1]
+    low, high = np.zeros(len(edge)), lengths.copy()
+    for _ in range(strips):
+        twin = across[edge]
+        open_ahead = (twin >= 0) & (high - low > 1e-12 * lengths[edge])
+        edge, twin = edge[open_ahead], twin[open_ahead]
+        source, seen_from = source[open_ahead], seen_from[open_ahead]
+        low, high = low[open_ahead], high[open_ahead]
+        # The twin runs b → a, so its triangle's apex is mirrored along x.
+        apex = _apex(vertices, halfedges, opposite, lengths, twin)
+        apex[:, 0] = lengths[edge] - apex[:, 0]
+        crossing = seen_from[:, 0] + (apex[:, 0] - seen_from[:, 0]) * (
+            -seen_from[:, 1] / (apex[:, 1] - seen_from[:, 1])
+        )
+        seen = (crossing >= low) & (crossing <= high)
+        rows.append(source[seen])
+        columns.append(opposite[twin[seen]])
+        weights.append(np.linalg.norm(apex - seen_from, axis=1)[seen])
+        edge, source, seen_from, low, high = _through(
+            twin, source, seen_from, low, high, apex, crossing, lengths, len(faces)
+        )
+    return _symmetric_minimum(
+        np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), len(vertices)
+    )
+
+
+def geodesics_from(
+    vertices: np.ndarray, faces: np.ndarray, sources: np.ndarray, limit: float = np.inf
+) -> np.ndarray:
+    """(S, V) distances from the vertices `sources` (S,), the mesh's unit.
+
+    inf beyond `limit` and on other components.
+    """
+    graph = straight_line_graph(vertices, faces)
+    return dijkstra(graph, directed=True, indices=np.asarray(sources), limit=limit)
+
+
+def geodesic_matrix(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V, V) float32 distances between all vertices, symmetric; inf between components."""
+    graph = straight_line_graph(vertices, faces)
+    matrix = np.empty((len(vertices), len(vertices)), dtype=np.float32)
+    for start in range(0, len(vertices), _CHUNK):
+        chunk = np.arange(start, min(start + _CHUNK, len(vertices)))
+        matrix[chunk] = dijkstra(graph, directed=True, indices=chunk)
+    return matrix
+
+
+def geodesics_between(
+    vertices: np.ndarray, faces: np.ndarray, start: ClosestPoints, end: ClosestPoints
+) -> np.ndarray:
+    """(Q,) distances between points on the mesh, pair by pair, the mesh's unit.
+
+    The path runs between the two points' nearest corners a and b, corrected to the points
+    themselves: d(p, q) ≈ |p − q| + d(a, b) − |a − b|. The excess of the geodesic over the straight
+    line varies slowly, so this has no bias of an edge's length where the points are close; it is
+    never below |p − q|. The search stops a little beyond each pair, so it costs what the errors
+    measure and not the whole mesh.
+    """
+    corner_a = faces[start.faces, start.barycentric.argmax(axis=1)]
+    corner_b = faces[end.faces, end.barycentric.argmax(axis=1)]
+    chord = np.linalg.norm(vertices[corner_a] - vertices[corner_b], axis=1)
+    graph = straight_line_graph(vertices, faces)
+    between = np.empty(len(chord))
+    order = np.argsort(chord)  # near pairs together, so that a block's limit suits all of it
+    for first in range(0, len(order), _CHUNK):
+        block = order[first : first + _CHUNK]
+        between[block] = _between_vertices(graph, corner_a[block], corner_b[block], chord[block])
+    straight = np.linalg.norm(start.points - end.points, axis=1)
+    return straight + np.maximum(between - chord, 0)
+
+
+def _between_vertices(
+    graph: sp.csr_matrix, a: np.ndarray, b: np.ndarray, chord: np.ndarray
+) -> np.ndarray:
+    """Graph distances between vertex pairs; the search widens until every pair is met."""
+    result = np.where(a == b, 0.0, np.inf)
+    limit = 1.5 * chord.max()
+    missing = np.flatnonzero(a != b)
+    while len(missing):
+        sources, position = np.unique(a[missing], return_inverse=True)
+        result[missing] = dijkstra(graph, indices=sources, limit=limit)[position, b[missing]]
+        missing = missing[np.isinf(result[missing])]
+        if np.isinf(limit):
+            break  # another component: the distance is infinite
+        limit = 4 * limit if limit < 8 * chord.max() else np.inf
+    return result
+
+
+def _twins(halfedges: np.ndarray, vertex_count: int) -> np.ndarray:
+    """(H,) the halfedge that runs the other way, −1 on a boundary."""
+    key = halfedges[:, 0] * vertex_count + halfedges[:, 1]
+    reverse = halfedges[:, 1] * vertex_count + halfedges[:, 0]
+    order = np.argsort(key)
+    place = np.minimum(np.searchsorted(key[order], reverse), len(key) - 1)
+    found = order[place]
+    return np.where(key[found] == reverse, found, -1)
+
+
+def _apex(
+    vertices: np.ndarray,
+    halfedges: np.ndarray,
+    opposite: np.ndarray,
+    lengths: np.ndarray,
+    edge: np.ndarray,
+) -> np.ndarray:
+    """(E, 2) the third corner of each halfedge's triangle, a at the origin and b along x."""
+    a, b = vertices[halfedges[edge, 0]], vertices[halfedges[edge, 1]]
+    side = vertices[opposite[edge]] - a
+    x = np.einsum("ed,ed->e", side, b - a) / lengths[edge]
+    height = np.sqrt(np.maximum(np.einsum("ed,ed->e", side, side) - x**2, 0))
+    return np.stack([x, np.maximum(height, 1e-12 * lengths[edge])], axis=1)
+
+
+def _through(
+    twin: np.ndarray,
+    source: np.ndarray,
+    seen_from: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    apex: np.ndarray,
+    crossing: np.ndarray,
+    lengths: np.ndarray,
+    face_count: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The windows on the two far edges of the triangle beyond each window.
+
+    The twin runs b → a; its triangle's next halfedge a → apex, the one after apex → b.
+    """
+    count = 3 * face_count
+    after, before = (twin + face_count) % count, (twin + 2 * face_count) % count
+    origin = np.zeros_like(apex)
+    far_end = np.stack([lengths[twin], np.zeros(len(twin))], axis=1)
+    pieces = []
+    # Each is crossed from inside this triangle: as the halfedge of this triangle, left of it.
+    for halfedge, first, last, start, stop in (
+        (after, origin, apex, low, np.minimum(high, crossing)),
+        (before, apex, far_end, np.maximum(low, crossing), high),
+    ):
+        direction = (last - first) / lengths[halfedge][:, None]
+        offset = seen_from - first
+        moved = np.stack(
+            [
+                np.einsum("ed,ed->e", offset, direction),
+                direction[:, 0] * offset[:, 1] - direction[:, 1] * offset[:, 0],
+            ],
+            axis=1,
+        )
+        moved[:, 1] = -np.abs(moved[:, 1])
+        ends = [
+            _project(seen_from, bound, first, direction, lengths[halfedge])
+            for bound in (start, stop)
+        ]
+        keep = (stop > start) & (moved[:, 1] < 0)
+        pieces.append(
+            tuple(
+                part[keep] for part in (halfedge, source, moved, np.minimum(*ends), np.maximum(*ends))
+            )
+        )
+    edge, source, seen_from, low, high = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    return edge, source, seen_from, low, high
+
+
+def _project(
+    seen_from: np.ndarray,
+    bound: np.ndarray,
+    first: np.ndarray,
+    direction: np.ndarray,
+    length: np.ndarray,
+) -> np.ndarray:
+    """Where the ray through (bound, 0) meets the edge, as a length along it, within [0, length]."""
+    ray = np.stack([bound - seen_from[:, 0], -seen_from[:, 1]], axis=1)
+    offset = first - seen_from
+    cross = ray[:, 0] * direction[:, 1] - ray[:, 1] * direction[:, 0]
+    along = (offset[:, 0] * ray[:, 1] - offset[:, 1] * ray[:, 0]) / np.where(cross == 0, 1, cross)
+    return np.clip(np.where(cross == 0, 0, along), 0, length)
+
+
+def _symmetric_minimum(
+    rows: np.ndarray, columns: np.ndarray, weights: np.ndarray, count: int
+) -> sp.csr_matrix:
+    """The shortest of each pair's lengths, stored both ways."""
+    keys = np.minimum(rows, columns) * count + np.maximum(rows, columns)
+    order = np.lexsort((weights, keys))
+    keys, weights = keys[order], weights[order]
+    first = np.concatenate([[True], keys[1:] != keys[:-1]])
+    i, j, w = keys[first] // count, keys[first] % count, weights[first]
+    half = sp.csr_matrix((w, (i, j)), shape=(count, count))
+    return (half + half.T).tocsr()
