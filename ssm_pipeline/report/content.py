@@ -1,0 +1,103 @@
+"""What the report shows: everything the page and the figures need, and nothing to recompute."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh, ShapePath
+from ssm_pipeline.report.landmarks import Landmarks
+from ssm_pipeline.shape_model.model import ShapeModel
+
+_NEEDED_COLUMNS = {
+    "compactness": {"modes", "share"},
+    "generalisation": {"modes", "case_id", "chamfer_mm"},
+    "specificity": {"modes", "chamfer_mm"},
+}
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """One study's results, as the report stage hands them over.
+
+    aligned         the corresponded shapes in the model's frame, mm; case ids as in `model`.
+    frames          per case of `aligned`, from its own millimetres to the model's frame.
+    meshes          each case's own surface, already in the model's frame, mm.
+    paths           interpolations template → case, a few of them.
+    correspondence  case_id, surface_mm, hd95_mm, flipped_percent: the template carried onto the
+                    case, before any PCA. More columns are shown as they are.
+    metrics         tables by name: compactness (modes, share), generalisation (modes, case_id,
+                    chamfer_mm, … a row a held-out case), specificity (modes, chamfer_mm,
+                    chamfer_se_mm, …), comparison (a row a method). `method` separates curves.
+                    Missing tables are left out of the page, and said to be.
+    cohort          case_id and quality control columns, units in the names; `dropped` holds the
+                    reason for cases left out (empty otherwise), `warnings` any remarks.
+    stages          one mapping a stage: name, seconds, peak_memory_mb, cases_in, cases_out.
+    settings, versions   nested mappings of plain values, shown as they are.
+
+    Raises ValueError where the parts don't belong together.
+    """
+
+    study: str
+    is_synthetic: bool
+    model: ShapeModel
+    aligned: CorrespondedShapes
+    frames: tuple[Frame, ...]
+    meshes: tuple[Mesh, ...]
+    paths: tuple[ShapePath, ...]
+    correspondence: pd.DataFrame
+    metrics: Mapping[str, pd.DataFrame]
+    cohort: pd.DataFrame
+    stages: tuple[Mapping[str, Any], ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seed: int = 0
+    landmarks: Landmarks | None = None
+
+    def __post_init__(self) -> None:
+        case_ids = self.aligned.case_ids
+        if self.model.case_ids != case_ids:
+            raise ValueError("the model and the aligned shapes name different cases")
+        if len(self.frames) != len(case_ids):
+            raise ValueError(f"{len(self.frames)} frames for {len(case_ids)} aligned shapes")
+        strangers = {mesh.case_id for mesh in self.meshes} - set(case_ids)
+        if strangers:
+            raise ValueError(f"meshes of cases that the model does not hold: {sorted(strangers)}")
+        _require("correspondence", self.correspondence, {"case_id", "surface_mm", "hd95_mm"})
+        _require("cohort", self.cohort, {"case_id"})
+        for name, needed in _NEEDED_COLUMNS.items():
+            if name in self.metrics:
+                _require(name, self.metrics[name], needed)
+        if self.landmarks is not None and self.aligned.template_id not in case_ids:
+            raise ValueError(
+                f"landmarks lie on template {self.aligned.template_id}, which is not among the "
+                "aligned cases: they can't be carried over"
+            )
+
+    @property
+    def template_index(self) -> int | None:
+        """Position of the template among the cases; None where it is not one of them."""
+        ids = self.aligned.case_ids
+        return ids.index(self.aligned.template_id) if self.aligned.template_id in ids else None
+
+    @property
+    def template_vertices(self) -> np.ndarray:
+        """(V, 3) mm: the template in the model's frame, or the mean where it is not a case."""
+        index = self.template_index
+        return self.model.mean if index is None else self.aligned.vertices[index]
+
+    def mesh_of(self, case_id: str) -> Mesh | None:
+        return next((mesh for mesh in self.meshes if mesh.case_id == case_id), None)
+
+
+def _require(name: str, table: pd.DataFrame, needed: set[str]) -> None:
+    missing = sorted(needed - set(table.columns))
+    if missing:
+        raise ValueError(
+            f"table {name} lacks column(s) {', '.join(missing)}; it has "
+            f"{', '.join(map(str, table.columns))}"
+        )

@@ -1,0 +1,41 @@
+"""What the still pictures of the page and of the figures show: the scenes, not their layout."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ssm_pipeline.records import ShapePath
+from ssm_pipeline.report.grid_pattern import nice_number
+from ssm_pipeline.report.rendering import Scene, vertex_normals
+from ssm_pipeline.shape_model.model import ShapeModel
+
+
+def signed_distance(vertices: np.ndarray, model: ShapeModel) -> np.ndarray:
+    """(V,) mm: displacement from the mean along the mean's outward normal."""
+    normals = vertex_normals(model.mean, model.faces)
+    return np.einsum("vd,vd->v", vertices - model.mean, normals)
+
+
+def mode_range_mm(model: ShapeModel, count: int, deviations: float) -> float:
+    """A round colour range in mm that 99 % of the vertices of the first modes stay within."""
+    normals = vertex_normals(model.mean, model.faces)
+    along = np.einsum("mvd,vd->mv", model.modes[:count], normals)
+    largest = np.percentile(np.abs(along), 99, axis=1) * model.standard_deviations[:count]
+    return nice_number(max(float(largest.max()) * deviations, 1e-3))
+
+
+def mode_scenes(model: ShapeModel, count: int, deviations: float) -> list[Scene]:
+    """The mean, then for each mode −k SD and +k SD, painted by signed distance from the mean."""
+    scores = np.zeros((1 + 2 * count, count))
+    for mode in range(count):
+        scores[1 + 2 * mode, mode], scores[2 + 2 * mode, mode] = -deviations, deviations
+    shapes = model.reconstruct(scores)
+    return [
+        Scene(shapes[0], model.faces),
+        *(Scene(shape, model.faces, signed_distance(shape, model)) for shape in shapes[1:]),
+    ]
+
+
+def interpolation_scenes(path: ShapePath, times: np.ndarray, t_s: float) -> list[Scene]:
+    """The path's shapes at the given times, pose and `t_s` of the shape change."""
+    return [Scene(path.at(float(t), t_s), path.faces) for t in times]
