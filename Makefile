@@ -1,0 +1,46 @@
+# `make run`: everything from a fresh checkout to a first shape model. `make test`: the checks.
+# Only what is missing is installed; a second call goes straight to work.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+# Debian packages: pymeshlab needs the first two, PyVista's figures off screen the others.
+SYSTEM_PACKAGES := libgl1 libopengl0 libegl1 libosmesa6
+TEST_PACKAGES   := chromium
+STUDY ?= luna16
+
+.PHONY: run test lint install install-dev system system-test clean
+
+run: install
+	$(BIN)/workflow run $(STUDY)
+
+test: install-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+
+lint: install-dev
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+install: system $(VENV)/.installed
+
+install-dev: system system-test $(VENV)/.installed-dev
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@ $(VENV)/.installed
+
+system:
+	@sh tools/install_system_packages.sh $(SYSTEM_PACKAGES)
+
+system-test:
+	@sh tools/install_system_packages.sh $(TEST_PACKAGES)
+
+clean:
+	rm -rf $(VENV)

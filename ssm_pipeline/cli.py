@@ -1,0 +1,154 @@
+"""The `workflow` command. Heavy imports are inside the functions: `--help` is instant."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="From CT or MR segmentation masks to a statistical shape model.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+StudyName = Annotated[
+    str, typer.Argument(help="A study's name (see `workflow list`) or the path of its YAML.")
+]
+DataFolder = Annotated[
+    Path | None, typer.Option("--data", help="Folder with the masks.", show_default=False)
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change a setting, as training.steps=2000. May be repeated.",
+        show_default=False,
+    ),
+]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
+
+
+@app.command()
+def run(
+    study: StudyName,
+    data: DataFolder = None,
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Annotated[
+        str | None,
+        typer.Option(help="cpu or cuda; cuda where there is one.", show_default=False),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Cases at a time; one a core.", show_default=False),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of every random draw.", show_default=False)
+    ] = None,
+) -> None:
+    """Masks to shape model and report; goes on where an earlier run stopped."""
+    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
+    from ssm_pipeline.pipeline.runner import RunOptions, run_study
+    from ssm_pipeline.pipeline.stages import STAGES
+    from ssm_pipeline.pipeline.study import read_study
+    from ssm_pipeline.pipeline.terminal import Terminal
+
+    seeds = [f"seed={seed}"] if seed is not None else []
+    chosen = read_study(study, data, [*(changes or []), *seeds])
+    terminal = Terminal()
+    if chosen.is_stand_in:
+        terminal.say(
+            f"{chosen.name}: no masks given (--data FOLDER). SYNTHETIC PHANTOMS stand in for "
+            "them: made-up organs, not patients, and fewer of them than a study needs."
+        )
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    run_folder = run_study(chosen.name, chosen.settings, options, terminal, STAGES)
+    terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
+
+
+@app.command()
+def check(study: StudyName, data: DataFolder = None, changes: Changes = None) -> None:
+    """Read the settings and every mask, and say what is wrong, without running anything."""
+    from ssm_pipeline.pipeline.check import check_study
+    from ssm_pipeline.pipeline.study import read_study
+    from ssm_pipeline.pipeline.terminal import Terminal
+
+    if not check_study(read_study(study, data, changes or []), Terminal()):
+        raise typer.Exit(1)
+
+
+@app.command()
+def show(study: StudyName, data: DataFolder = None, changes: Changes = None) -> None:
+    """Print every setting as it would be used."""
+    from ssm_pipeline.pipeline.study import read_study
+
+    chosen = read_study(study, data, changes or [])
+    typer.echo(f"# {chosen.path}")
+    typer.echo(chosen.settings.to_yaml().rstrip())
+
+
+@app.command(name="list")
+def list_studies() -> None:
+    """The studies that a name finds from here."""
+    from ssm_pipeline.pipeline.study import read_yaml, study_paths
+
+    paths = study_paths()
+    width = max((len(name) for name in paths), default=0)
+    for name, path in paths.items():
+        typer.echo(f"{name:<{width}}   {read_yaml(path).get('description', '')}")
+
+
+@app.command()
+def init(
+    name: Annotated[str, typer.Argument(help="Name of the new study.")],
+    masks: Annotated[Path, typer.Option("--masks", help="Folder with the label images.")],
+    label: Annotated[
+        list[int], typer.Option("--label", help="Label of the organ. Repeated: united.")
+    ],
+    pattern: Annotated[
+        str | None,
+        typer.Option(help="Glob below the folder, as */liver.nii.gz.", show_default=False),
+    ] = None,
+) -> None:
+    """Write the YAML of a new study on a folder of masks, with comments."""
+    from ssm_pipeline.pipeline.new_study import write_study
+
+    path = write_study(name, masks, tuple(label), pattern)
+    typer.echo(f"wrote {path}. Look it over, then: workflow run {name}")
+
+
+def main() -> None:
+    """Entry point: errors a user can mend are one message, not a traceback."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        typer.echo("stopped. What is finished is kept: run the same command to go on.", err=True)
+        sys.exit(130)
+    except Exception as error:
+        message = _explained(error)
+        if message is None:
+            raise
+        typer.echo(f"error: {message}", err=True)
+        sys.exit(1)
+
+
+def _explained(error: Exception) -> str | None:
+    from ssm_pipeline.pipeline.per_case import CaseFailure
+    from ssm_pipeline.records import CaseError, StudyError
+
+    if isinstance(error, CaseError | StudyError):
+        return str(error)
+    if isinstance(error, CaseFailure):
+        return (
+            f"{error.worker_traceback}\n{error}\nThis is a fault of the program, not of the case. "
+            "What is finished is kept. Leave the case out (--set data.cases=[...]) to go on."
+        )
+    return None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""The process a run lives in: allocator, threads, peak memory, versions."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import os
+import platform
+import resource
+import sys
+from pathlib import Path
+
+from ssm_pipeline.records import StudyError
+
+# glibc's malloc.h. Values read from a header would need a compiler.
+M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
+MEMORY_PER_JOB_GB = 2.0  # a 512×512×561 mask during meshing needs about 1.5
+REPORTED_PACKAGES = ("ssm-pipeline", "numpy", "scipy", "torch", "simpleitk", "vtk", "pymeshlab")
+
+
+def keep_large_blocks() -> bool:
+    """Tell glibc to keep freed memory instead of giving it back to the system.
+
+    PyTorch on CPU allocates and frees the same large blocks every step; returning them each time
+    costs page faults. Measured 1.7 times faster training. Returns False where there is no glibc.
+    """
+    try:
+        libc = ctypes.CDLL("libc.so.6")
+        mallopt = libc.mallopt
+    except (OSError, AttributeError):
+        return False
+    return bool(mallopt(M_MMAP_MAX, 0) and mallopt(M_TRIM_THRESHOLD, 2**31 - 1))
+
+
+def forget_peak_memory() -> None:
+    """Start the peak afresh, so that it belongs to one stage (Linux; elsewhere it accumulates)."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return
+
+
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process since `forget_peak_memory`."""
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    except (OSError, StopIteration):
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak / 2**20 if sys.platform == "darwin" else peak / 1024
+
+
+def available_cores() -> int:
+    """Cores this process may use: fewer than the machine's under a container's CPU set."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def default_jobs() -> int:
+    """A process a core, and no more than the free memory carries."""
+    try:
+        free_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    except (ValueError, OSError):
+        free_gb = MEMORY_PER_JOB_GB
+    return max(1, min(available_cores(), int(free_gb / MEMORY_PER_JOB_GB)))
+
+
+def versions() -> dict[str, str]:
+    """Of Python, the platform and the packages a result depends on."""
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for package in REPORTED_PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def chosen_device(wanted: str | None) -> str:
+    """The device asked for, or cuda where there is one. Raises StudyError if it is not there."""
+    import torch
+
+    if wanted is None:
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.empty(1, device=wanted)
+    except (RuntimeError, AssertionError) as error:
+        raise StudyError(
+            f"--device {wanted} can't be used: {str(error).splitlines()[0]} Use --device cpu."
+        ) from error
+    return wanted

@@ -1,0 +1,69 @@
+"""All settings of a study: one section a stage, each written by the room it belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import Field
+
+from data_prep.phantoms import PhantomSettings
+from ssm_pipeline.meshing.settings import MeshingSettings
+from ssm_pipeline.report.settings import ReportSettings
+from ssm_pipeline.settings import Settings
+from ssm_pipeline.spectral.settings import SpectralSettings
+
+
+class Luna16Data(Settings):
+    """Lung masks in LUNA16's own layout."""
+
+    source: Literal["luna16"] = "luna16"
+    folder: Path | None = None  # holds seg-lungs-LUNA16, or its files; --data sets it
+    side: Literal["left", "right", "both"] = "left"  # lung
+    subset: int | None = None  # keep the scans whose CT lies in subset<k> beside the masks
+    cases: tuple[str, ...] | None = None  # series UIDs; None: all
+    limit: int | None = Field(None, ge=1)  # scans; None: all
+    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
+
+
+class MaskFolderData(Settings):
+    """A folder of label images (.nii.gz, .nii, .nrrd, .mhd, .mha) of any organ."""
+
+    source: Literal["masks"] = "masks"
+    folder: Path | None = None  # --data sets it
+    labels: tuple[int, ...] = Field((1,), min_length=1)  # united to one organ
+    pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
+    organ: str = "organ"  # its name in messages
+    cases: tuple[str, ...] | None = None  # case ids; None: all
+    limit: int | None = Field(None, ge=1)  # cases; None: all
+    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
+
+
+class PhantomData(PhantomSettings):
+    """Synthetic lungs with known correspondences."""
+
+    source: Literal["phantoms"] = "phantoms"
+
+
+DataSettings = Annotated[Luna16Data | MaskFolderData | PhantomData, Field(discriminator="source")]
+
+
+class ShapeModelSettings(Settings):
+    with_scale: bool = False  # alignment also removes size; False keeps it as a mode
+
+
+class StudySettings(Settings):
+    """What is computed. How (device, processes, folder) is the command line's."""
+
+    description: str = ""  # a line for `workflow list`
+    seed: int = Field(0, ge=0)  # of every random draw
+    data: DataSettings
+    meshing: MeshingSettings = MeshingSettings()
+    spectral: SpectralSettings = SpectralSettings()
+    shape_model: ShapeModelSettings = ShapeModelSettings()
+    report: ReportSettings = ReportSettings()
+
+    def to_yaml(self) -> str:
+        content: dict[str, Any] = self.model_dump(mode="json")
+        return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

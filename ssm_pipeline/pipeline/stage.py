@@ -1,0 +1,122 @@
+"""What a stage is, what it is given, and the `stage.json` it leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.pipeline.keys import key_of
+from ssm_pipeline.pipeline.per_case import CaseResult, CaseTask, Row, map_cases
+from ssm_pipeline.pipeline.settings import StudySettings
+from ssm_pipeline.pipeline.terminal import Terminal
+from ssm_pipeline.records import Cohort, Dropped
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a stage hands on: the cases still in, each with the key of its results."""
+
+    case_keys: Mapping[str, str]
+    dropped: tuple[Dropped, ...] = ()
+    peak_memory_mb: float = 0.0
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of the pipeline.
+
+    settings  the part of the study's settings that its result depends on.
+    needs     the stages whose results it reads; none: the masks themselves.
+    version   to be raised when the code changes what the stage makes of the same input.
+    """
+
+    name: str
+    work: Callable[[StageContext], Outcome]
+    settings: Callable[[StudySettings], Any]
+    needs: tuple[str, ...] = ()
+    version: int = 1
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """The content of `stage.json`."""
+
+    stage: str
+    key: str
+    settings: Any
+    seed: int
+    inputs: dict[str, str]
+    versions: dict[str, str]
+    finished_at: str
+    seconds: float
+    peak_memory_mb: float
+    cases_in: list[str]
+    cases_out: list[str]
+    dropped: list[dict[str, str]]
+    case_keys: dict[str, str]
+    note: str = ""
+
+    def write(self, folder: Path) -> None:
+        storage.write_json(folder / "stage.json", dataclasses.asdict(self))
+
+    @staticmethod
+    def read(folder: Path) -> StageRecord | None:
+        path = folder / "stage.json"
+        return StageRecord(**storage.read_json(path)) if path.exists() else None
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage's work is given."""
+
+    name: str
+    key: str
+    study: str
+    run_folder: Path
+    settings: StudySettings
+    device: str
+    jobs: int
+    terminal: Terminal
+    cohort: Cohort
+    done: Mapping[str, StageRecord]
+    case_keys: Mapping[str, str] = field(default_factory=dict)
+
+    def folder(self, stage: str | None = None) -> Path:
+        return self.run_folder / (stage or self.name)
+
+    def case_file(self, stage: str, case_id: str, file: str) -> Path:
+        return self.folder(stage) / case_id / file
+
+    def case_key(self, case_id: str, *parts: Any) -> str:
+        """Key of this stage's results for a case: its results so far, and `parts`."""
+        return key_of(self.name, self.case_keys[case_id], *parts)
+
+    def map_cases(
+        self, tasks: Sequence[CaseTask], jobs: int | None = None, folder: Path | None = None
+    ) -> list[CaseResult]:
+        with self.terminal.steps(self.name, len(tasks)) as steps:
+            count = self.jobs if jobs is None else jobs
+            return map_cases(tasks, folder or self.folder(), count, steps.advance_to)
+
+    def write_table(self, name: str, rows: Sequence[Row]) -> None:
+        with storage.written_whole(self.folder() / f"{name}.csv") as temporary:
+            pd.DataFrame(list(rows)).to_csv(temporary, index=False)
+
+    def outcome(self, results: Sequence[CaseResult], note: str = "") -> Outcome:
+        return Outcome(
+            {result.case_id: result.key for result in results if result.dropped is None},
+            tuple(
+                Dropped(result.case_id, self.name, result.dropped)
+                for result in results
+                if result.dropped is not None
+            ),
+            max((result.peak_memory_mb for result in results), default=0.0),
+            note,
+        )

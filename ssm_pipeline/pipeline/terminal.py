@@ -1,0 +1,84 @@
+"""What a run says: a line a stage, progress on long work, dropped cases, where to look."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from ssm_pipeline.records import Dropped
+
+SHOWN_DROPPED = 20
+PLAIN_INTERVAL_S = 30.0  # a log file gets a progress line this often
+
+
+class Steps:
+    """Counts finished steps of one piece of work, on a bar or as lines in a log."""
+
+    def __init__(self, console: Console, label: str, total: int, bar: Progress | None) -> None:
+        self.console, self.label, self.total, self.bar = console, label, total, bar
+        self.done, self.said = 0, time.monotonic()
+        self.task = bar.add_task(label, total=total, note="") if bar else None
+
+    def advance_to(self, done: int, note: str = "") -> None:
+        self.done = done
+        if self.bar is not None and self.task is not None:
+            self.bar.update(self.task, completed=done, note=note)
+        elif time.monotonic() - self.said >= PLAIN_INTERVAL_S:
+            self.said = time.monotonic()
+            self.console.print(f"      {self.label} {done} of {self.total}   {note}".rstrip())
+
+
+class Terminal:
+    """Plain lines where there is no terminal; bars, which vanish when done, where there is."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console(highlight=False, soft_wrap=True, markup=False)
+
+    def say(self, line: str) -> None:
+        self.console.print(line)
+
+    @contextmanager
+    def steps(self, label: str, total: int) -> Iterator[Steps]:
+        if not self.console.is_terminal:
+            yield Steps(self.console, label, total, None)
+            return
+        columns = (
+            TextColumn("      {task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}"),
+        )
+        with Progress(*columns, console=self.console, transient=True) as bar:
+            yield Steps(self.console, label, total, bar)
+
+    def stage(
+        self, number: int, total: int, name: str, result: str, dropped: Sequence[Dropped]
+    ) -> None:
+        self.say(f"[{number}/{total}] {name:<15}{result}")
+        for case in dropped[:SHOWN_DROPPED]:
+            self.say(f"      dropped {case.case_id}: {case.reason}")
+        if len(dropped) > SHOWN_DROPPED:
+            self.say(f"      and {len(dropped) - SHOWN_DROPPED} more; stage.json names them all")
+
+
+def duration(seconds: float) -> str:
+    """`0.4 s`, `12 s`, `4 min 10 s`, `2 h 5 min`."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
