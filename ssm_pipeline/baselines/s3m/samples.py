@@ -1,0 +1,88 @@
+"""A shape as S3M's network sees it: sampled points, their graph and the eigenfunctions on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ssm_pipeline.baselines.s3m.augmentation import bumped, rotated_about_z
+from ssm_pipeline.baselines.s3m.network import Graph, knn_graph
+from ssm_pipeline.baselines.s3m.sampling import farthest_points
+from ssm_pipeline.baselines.s3m.settings import S3MSettings
+from ssm_pipeline.baselines.s3m.spectrum import Spectrum, spectrum
+from ssm_pipeline.records import Mesh
+
+
+@dataclass(frozen=True)
+class Sample:
+    """vertices (n,) int of the mesh, and on them: points (n, 3), centred; their graph;
+    eigenvectors (n, k); projection (k, n) = Φᵀ · mass; eigenvalues (k,). Tensors float32."""
+
+    vertices: np.ndarray
+    points: torch.Tensor
+    graph: Graph
+    eigenvectors: torch.Tensor
+    projection: torch.Tensor
+    eigenvalues: torch.Tensor
+
+
+def inference_sample(mesh: Mesh, settings: S3MSettings, device: torch.device) -> Sample:
+    """The farthest-point sample that S3M puts into correspondence."""
+    chosen = farthest_points(mesh.vertices, settings.points)
+    return _sample(mesh, spectrum(mesh, settings.eigenfunctions), chosen, settings, device)
+
+
+def training_samples(
+    mesh: Mesh, settings: S3MSettings, generator: np.random.Generator, device: torch.device
+) -> list[list[Sample]]:
+    """The mesh and its augmented copies, each as `samples_per_copy` samples.
+
+    The public code draws a new sample at every use of a copy; a few drawn beforehand serve the
+    same purpose at a hundredth of the time.
+    """
+    own = spectrum(mesh, settings.eigenfunctions)
+    copies = [(mesh, own)]
+    for _ in range(settings.rotated_copies):  # an isometry: the spectrum stays
+        copies.append((rotated_about_z(mesh, generator.uniform(0, 2 * np.pi)), own))
+    for _ in range(settings.bumped_copies):
+        copy = bumped(mesh, settings.bumps, settings.bump_height, settings.bump_std, generator)
+        copies.append((copy, spectrum(copy, settings.eigenfunctions)))
+    dense_count = min(settings.dense_points, len(mesh.vertices))
+    result = []
+    for copy, basis in copies:
+        dense = farthest_points(copy.vertices, dense_count)
+        firsts = generator.choice(dense_count, settings.samples_per_copy)
+        subsets = [farthest_points(copy.vertices[dense], settings.points, int(f)) for f in firsts]
+        result.append([_sample(copy, basis, dense[s], settings, device) for s in subsets])
+    return result
+
+
+def scaled(mesh: Mesh, factor: float) -> Mesh:
+    return dataclasses.replace(mesh, vertices=mesh.vertices * factor)
+
+
+def stacked(samples: Sequence[Sample], name: str) -> torch.Tensor:
+    """One field of several samples, (B, …)."""
+    return torch.stack([getattr(sample, name) for sample in samples])
+
+
+def _sample(
+    mesh: Mesh, basis: Spectrum, chosen: np.ndarray, settings: S3MSettings, device: torch.device
+) -> Sample:
+    def tensor(values: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=device)
+
+    points = mesh.vertices[chosen]
+    eigenvectors = basis.eigenvectors[chosen]
+    return Sample(
+        vertices=chosen,
+        points=tensor(points - mesh.vertices.mean(axis=0)),
+        graph=knn_graph(points, settings.neighbours, device),
+        eigenvectors=tensor(eigenvectors),
+        projection=tensor((eigenvectors * basis.mass[chosen, None]).T),
+        eigenvalues=tensor(basis.eigenvalues),
+    )
