@@ -9,4 +9,3 @@ from ssm_pipeline.settings import Settings
 
 class SpectralSettings(Settings):
     eigenpairs: int = Field(200, ge=2)  # k; the paper: 200, near-isometric cohorts 300
-    descriptors: int = Field(128, ge=2)  # dimensions of the wave kernel signature

@@ -1,0 +1,28 @@
+"""Settings of the matching networks and the spectral loss."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ssm_pipeline.settings import Settings
+
+
+class MatchingSettings(Settings):
+    features: Literal["wks", "xyz+wks"] = "wks"  # network input; xyz for scanner-aligned cohorts
+    descriptors: int = Field(128, ge=2)  # dimensions of the wave kernel signature
+    channels: int = Field(256, ge=1)  # features a vertex; the paper: 256, near-isometric 384
+    width: int = Field(128, ge=1)  # hidden channels of DiffusionNet
+    blocks: int = Field(4, ge=1)  # DiffusionNet blocks
+    dropout: float = Field(0.0, ge=0, lt=1)  # in the blocks' MLPs; the authors' code: 0.5
+    temperature: float = Field(0.07, gt=0)  # τ of the soft map, features of length 1
+    resolvent_weight: float = Field(100.0, ge=0)  # λ of the functional map
+    resolvent_gamma: float = Field(0.5, gt=0)  # γ of the resolvent mask
+    block_rows: int = Field(1024, ge=1)  # rows of the soft map held at a time
+
+
+class SpectralLossWeights(Settings):
+    bijectivity: float = Field(1.0, ge=0)  # λ_bij
+    orthogonality: float = Field(1.0, ge=0)  # λ_orth
+    coupling: float = Field(1.0, ge=0)  # λ_couple

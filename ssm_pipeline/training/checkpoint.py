@@ -1,0 +1,30 @@
+"""Where training stands, enough to go on to the same bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ssm_pipeline.training.matcher import save_tensors
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """step: how many are done; the states as torch gives them; history: a row of losses a step."""
+
+    step: int
+    feature_network: dict[str, Any]
+    interpolator: dict[str, Any]
+    optimiser: dict[str, Any]
+    history: list[dict[str, float]]
+
+
+def save_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
+    save_tensors(dict(checkpoint.__dict__), path)
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    return Checkpoint(**torch.load(path, map_location="cpu", weights_only=True))

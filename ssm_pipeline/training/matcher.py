@@ -1,0 +1,97 @@
+"""The trained networks and what made them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ssm_pipeline.interpolation.interpolator import Interpolator
+from ssm_pipeline.matching.diffusion_net import FeatureNetwork
+from ssm_pipeline.matching.shape import Shape, to_shape
+from ssm_pipeline.matching.soft_map import soft_maps
+from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.storage import written_whole
+from ssm_pipeline.training.settings import TrainingSettings
+
+
+@dataclass(frozen=True)
+class Matcher:
+    """Feature network and interpolator, trained; `trained_on` names the cases they have seen."""
+
+    feature_network: FeatureNetwork
+    interpolator: Interpolator
+    settings: TrainingSettings
+    seed: int
+    trained_on: tuple[str, ...]
+
+    @property
+    def device(self) -> torch.device:
+        return next(self.feature_network.parameters()).device
+
+    def shape(self, basis: SpectralBasis) -> Shape:
+        return to_shape(basis, self.settings.matching, self.device)
+
+    @torch.no_grad()
+    def features(self, shape: Shape) -> torch.Tensor:
+        """(V, channels), any length."""
+        return self.feature_network(shape)
+
+    @torch.no_grad()
+    def carried(self, shape_x: Shape, shape_y: Shape) -> tuple[torch.Tensor, torch.Tensor]:
+        """Π_xy Y (n_x, 3) and Π_yx X (n_y, 3), unit area."""
+        return soft_maps(
+            self.features(shape_x),
+            self.features(shape_y),
+            shape_x.vertices,
+            shape_y.vertices,
+            self.settings.matching.temperature,
+            self.settings.matching.block_rows,
+        )
+
+    @torch.no_grad()
+    def poses(self, shape: Shape, target: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
+        """X(t) (T, V, 3), unit area, for a shape and the other's coordinates carried onto it."""
+        return self.interpolator(shape.vertices, target, times.to(target), shape.neighbours)
+
+
+def new_networks(settings: TrainingSettings, seed: int) -> tuple[FeatureNetwork, Interpolator]:
+    """Fresh weights, a function of the seed alone."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return FeatureNetwork(settings.matching), Interpolator(settings.interpolation)
+
+
+def save_matcher(matcher: Matcher, path: Path) -> None:
+    content = {
+        "format_version": 1,
+        "feature_network": matcher.feature_network.state_dict(),
+        "interpolator": matcher.interpolator.state_dict(),
+        "settings": matcher.settings.model_dump_json(),
+        "seed": matcher.seed,
+        "trained_on": list(matcher.trained_on),
+    }
+    save_tensors(content, path)
+
+
+def load_matcher(path: Path, device: str = "cpu") -> Matcher:
+    content = torch.load(path, map_location=device, weights_only=True)
+    settings = TrainingSettings.model_validate_json(content["settings"])
+    feature_network, interpolator = new_networks(settings, content["seed"])
+    feature_network.load_state_dict(content["feature_network"])
+    interpolator.load_state_dict(content["interpolator"])
+    return Matcher(
+        feature_network.to(device).eval(),
+        interpolator.to(device).eval(),
+        settings,
+        content["seed"],
+        tuple(content["trained_on"]),
+    )
+
+
+def save_tensors(content: dict[str, Any], path: Path) -> None:
+    """Whole or not at all; only tensors and plain values, so that it loads without pickle code."""
+    with written_whole(path) as temporary:
+        torch.save(content, temporary)
