@@ -1,0 +1,38 @@
+"""Adapt a posed template to a case: Δ_s of the paper's section 4.3."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from ssm_pipeline.adaptation.gauss_newton import gauss_newton
+from ssm_pipeline.adaptation.objective import AdaptationObjective
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+
+
+def adapt(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    laplacian: sp.csr_matrix,
+    target_vertices: np.ndarray,
+    target_faces: np.ndarray,
+    settings: AdaptationSettings,
+    seed: int = 0,
+) -> np.ndarray:
+    """Offsets Δ (V, 3) that bring the surface X onto Y and stay smooth, all at unit area.
+
+    `laplacian` is the template's. Source: Cao et al. 2024, Eq. 15, with the balance of
+    AdaptationSettings.stiffness and Gauss–Newton in place of VectorAdam.
+    """
+    objective = AdaptationObjective(
+        vertices,
+        faces,
+        laplacian,
+        target_vertices,
+        target_faces,
+        settings.samples,
+        settings.stiffness,
+        np.random.default_rng(seed),
+    )
+    offsets, _ = gauss_newton(objective, settings.steps, settings.tangential)
+    return offsets

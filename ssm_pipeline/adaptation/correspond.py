@@ -1,0 +1,80 @@
+"""Template and case → correspondence, by the full method or one of its ablations."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from ssm_pipeline.adaptation.adapt import adapt
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.geometry.rigid import iterative_closest_point
+from ssm_pipeline.geometry.surface import sample_points
+from ssm_pipeline.records import Correspondence, SpectralBasis
+from ssm_pipeline.training.matcher import Matcher
+
+Method = Literal["full", "no-adaptation", "spectral", "adaptation only", "nearest point"]
+# Rows that use no network, so no trained matcher is needed for them.
+WITHOUT_NETWORK: tuple[Method, ...] = ("adaptation only", "nearest point")
+
+
+def correspond(
+    template: SpectralBasis,
+    case: SpectralBasis,
+    matcher: Matcher | None,
+    settings: AdaptationSettings,
+    method: Method = "full",
+) -> Correspondence:
+    """Match a template to a case.
+
+    full             the network's pose X(1), adapted to the case (Eq. 15–16)
+    no-adaptation    the network's pose X(1)
+    spectral         the soft map of the features alone
+    adaptation only  rigid alignment, adapted to the case; no network
+    nearest point    rigid alignment; no network
+    Whatever the method, the moved template is then carried to the nearest point on the case's
+    triangles; both that point and the nearest vertex are kept.
+    """
+    if method in WITHOUT_NETWORK:
+        posed = _rigidly_aligned(template, case)
+    else:
+        if matcher is None:
+            raise ValueError(f"the method {method!r} needs a trained matcher")
+        posed = _posed(template, case, matcher, carried_only=method == "spectral")
+    if method in ("full", "adaptation only"):
+        posed = posed + adapt(
+            posed, template.faces, template.stiffness, case.vertices, case.faces, settings
+        )
+    on_case = closest_points(posed, case.vertices, case.faces)
+    _, nearest_vertex = cKDTree(case.vertices).query(posed)
+    return Correspondence(
+        template_id=template.case_id,
+        case_id=case.case_id,
+        case_faces=on_case.faces,
+        barycentric=on_case.barycentric,
+        nearest_vertex=nearest_vertex.astype(np.int64),
+        fitted=case.frame.apply(posed),
+    )
+
+
+def _posed(
+    template: SpectralBasis, case: SpectralBasis, matcher: Matcher, carried_only: bool
+) -> np.ndarray:
+    shape_x, shape_y = matcher.shape(template), matcher.shape(case)
+    target, _ = matcher.carried(shape_x, shape_y)
+    if not carried_only:
+        target = matcher.poses(shape_x, target, torch.ones(1))[0]
+    return target.double().cpu().numpy()
+
+
+def _rigidly_aligned(template: SpectralBasis, case: SpectralBasis) -> np.ndarray:
+    """(V, 3): both at unit area and centred, then iterative closest points."""
+    generator = np.random.default_rng(0)
+    frame = iterative_closest_point(
+        sample_points(template.vertices, template.faces, 4000, generator),
+        sample_points(case.vertices, case.faces, 4000, generator),
+    )
+    return frame.apply(template.vertices)

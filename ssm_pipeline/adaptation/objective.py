@@ -1,0 +1,93 @@
+"""What adaptation minimises: CD(X + Δ, Y) + stiffness · trace(ΔᵀLΔ)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from pykdtree.kdtree import KDTree
+
+from ssm_pipeline.geometry.surface import face_normals, sample_surface
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest samples both ways: of Y for each of X (S,), of X for each of Y (S,), with
+    squared distances."""
+
+    y_of_x: np.ndarray
+    x_of_y: np.ndarray
+    squared_x: np.ndarray
+    squared_y: np.ndarray
+
+    @property
+    def chamfer(self) -> float:
+        """Symmetric, squared: the sum of the two directed means."""
+        return float(self.squared_x.mean() + self.squared_y.mean())
+
+
+class AdaptationObjective:
+    """Fixed even samples on both surfaces; those of X move with its vertices.
+
+    vertices (V, 3), faces: the surface X to be moved, unit area; laplacian (V, V) sparse: the
+    template's; target_vertices, target_faces: Y; stiffness: see AdaptationSettings.
+    """
+
+    def __init__(
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        laplacian: sp.csr_matrix,
+        target_vertices: np.ndarray,
+        target_faces: np.ndarray,
+        samples: int,
+        stiffness: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self.vertices, self.faces = vertices, faces
+        self.laplacian, self.stiffness = laplacian, stiffness
+        self.face, self.weights = sample_surface(vertices, faces, samples, generator)
+        target_face, target_weights = sample_surface(
+            target_vertices, target_faces, samples, generator
+        )
+        corners = target_vertices[target_faces[target_face]]
+        self.target = np.einsum("sc,scd->sd", target_weights, corners)
+        normals = face_normals(target_vertices, target_faces)[target_face]
+        self.target_normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        self.target_tree = KDTree(self.target)
+
+    def moved_samples(self, offsets: np.ndarray) -> np.ndarray:
+        """(S, 3) samples of X + Δ."""
+        corners = (self.vertices + offsets)[self.faces[self.face]]
+        return np.einsum("sc,scd->sd", self.weights, corners)
+
+    def nearest(self, samples: np.ndarray) -> Nearest:
+        distance_x, y_of_x = self.target_tree.query(samples)
+        distance_y, x_of_y = KDTree(samples).query(self.target)
+        return Nearest(
+            y_of_x.astype(np.int64), x_of_y.astype(np.int64), distance_x**2, distance_y**2
+        )
+
+    def value(self, offsets: np.ndarray, nearest: Nearest | None = None) -> float:
+        nearest = nearest or self.nearest(self.moved_samples(offsets))
+        return nearest.chamfer + self.stiffness * self.dirichlet(offsets)
+
+    def dirichlet(self, offsets: np.ndarray) -> float:
+        """trace(ΔᵀLΔ)."""
+        return float((offsets * (self.laplacian @ offsets)).sum())
+
+    def gradient(self, offsets: np.ndarray) -> np.ndarray:
+        """(V, 3): with the nearest neighbours held, which is the gradient where they are unique."""
+        samples = self.moved_samples(offsets)
+        near = self.nearest(samples)
+        pull = 2 * (samples - self.target[near.y_of_x]) / len(samples)
+        back = 2 * (samples[near.x_of_y] - self.target) / len(samples)
+        for d in range(3):
+            pull[:, d] += np.bincount(near.x_of_y, back[:, d], len(samples))
+        corners = self.faces[self.face].ravel()
+        spread = (self.weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
+        total = 2 * self.stiffness * (self.laplacian @ offsets)
+        for d in range(3):
+            total[:, d] += np.bincount(corners, spread[:, d], len(self.vertices))
+        return total
