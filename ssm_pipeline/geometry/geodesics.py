@@ -23,7 +23,9 @@ STRIPS = 5  # triangles unfolded beyond a vertex's own ring; error and time bala
 _CHUNK = 256  # sources a Dijkstra call: bounds the dense block to 256 × V numbers
 
 
-def straight_line_graph(vertices: np.ndarray, faces: np.ndarray, strips: int = STRIPS) -> sp.csr_matrix:
+def straight_line_graph(
+    vertices: np.ndarray, faces: np.ndarray, strips: int = STRIPS
+) -> sp.csr_matrix:
     """(V, V) symmetric sparse lengths of the straight lines between nearby vertices.
 
     vertices (V, 3), faces (F, 3) of a manifold, oriented mesh (open or closed). `strips` = 0
@@ -195,10 +197,13 @@ def _through(
         keep = (stop > start) & (moved[:, 1] < 0)
         pieces.append(
             tuple(
-                part[keep] for part in (halfedge, source, moved, np.minimum(*ends), np.maximum(*ends))
+                part[keep]
+                for part in (halfedge, source, moved, np.minimum(*ends), np.maximum(*ends))
             )
         )
-    edge, source, seen_from, low, high = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    edge, source, seen_from, low, high = (
+        np.concatenate(parts) for parts in zip(*pieces, strict=True)
+    )
     return edge, source, seen_from, low, high
 
 

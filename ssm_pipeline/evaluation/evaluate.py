@@ -1,0 +1,63 @@
+"""One method's shape model, scored: what the report's tables and curves are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ssm_pipeline.evaluation.correspondence_quality import correspondence_quality
+from ssm_pipeline.evaluation.model_quality import (
+    compactness,
+    generalisation,
+    mean_over_cases,
+    move_meshes,
+)
+from ssm_pipeline.evaluation.settings import EvaluationSettings
+from ssm_pipeline.evaluation.specificity import specificity
+from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.pca import build
+
+
+def evaluate_method(
+    name: str,
+    corresponded: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    settings: EvaluationSettings,
+    seed: int,
+    with_scale: bool = False,
+) -> Metrics:
+    """Score one method's correspondences and the shape model they give.
+
+    corresponded  N >= 4 shapes in each case's own millimetres, not yet aligned; no faces for
+                  methods that give point clouds.
+    meshes        the cases' original meshes in their own millimetres, in any order.
+    with_scale    whether the alignment removes size; distances are then those of scaled shapes.
+
+    Returns tables, each with the columns method and seed:
+    compactness          a row per number of modes;
+    generalisation       a row per case and number of modes;
+    generalisation_mean  the same over the cases, with standard errors;
+    specificity          a row per number of modes, with standard errors;
+    correspondence       a row per case, before any PCA; only where there are faces.
+    Raises StudyError for fewer than 4 cases or cases without a mesh.
+    """
+    aligned, frames = align(corresponded, with_scale=with_scale)
+    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    model = build(aligned)
+    # A stream each, so that one table doesn't change when another asks for more draws.
+    for_cases, for_draws, for_fit = np.random.default_rng(seed).spawn(3)
+    per_case = generalisation(aligned, moved, settings, for_cases, with_scale=with_scale)
+    tables = {
+        "compactness": compactness(model),
+        "generalisation": per_case,
+        "generalisation_mean": mean_over_cases(per_case),
+        "specificity": specificity(model, moved, settings, for_draws),
+    }
+    if len(corresponded.faces):
+        tables["correspondence"] = correspondence_quality(aligned, moved, settings, for_fit)
+    for table in tables.values():
+        table.insert(0, "method", name)
+        table["seed"] = seed
+    return Metrics(tables)

@@ -1,0 +1,177 @@
+"""How good a shape model is: compactness and generalisation.
+
+Specificity is in `specificity.py`. Source: Davies 2002; Styner et al. 2003.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline.evaluation.sampling import FixedPoints
+from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
+from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, surface_distance
+from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.geometry.surface import sample_points
+from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh, StudyError
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.shape_model.pca import build
+
+
+def compactness(model: ShapeModel) -> pd.DataFrame:
+    """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, compactness (0 … 1)."""
+    return pd.DataFrame(
+        {
+            "modes": np.arange(1, model.mode_count + 1),
+            "variance_mm2": model.variances,
+            "compactness": model.compactness,
+        }
+    )
+
+
+def move_meshes(
+    meshes: Sequence[Mesh], case_ids: Sequence[str], frames: Sequence[Frame]
+) -> list[Mesh]:
+    """The cases' original meshes in the model's frame, in the order of `case_ids`.
+
+    Raises StudyError where a case has no mesh.
+    """
+    by_id = {mesh.case_id: mesh for mesh in meshes}
+    missing = [case_id for case_id in case_ids if case_id not in by_id]
+    if missing:
+        raise StudyError(
+            f"{len(missing)} of {len(case_ids)} corresponded cases have no mesh "
+            f"({', '.join(missing[:5])}); pass the meshes the correspondences were made from."
+        )
+    return [_moved(by_id[i], frame) for i, frame in zip(case_ids, frames, strict=True)]
+
+
+def generalisation(
+    aligned: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    settings: EvaluationSettings,
+    generator: np.random.Generator,
+    with_scale: bool = False,
+) -> pd.DataFrame:
+    """G(M): how well a model explains a case it was not built from.
+
+    Alignment, mean and modes are redone without the held-out fold; the held-out shape is turned
+    onto that mean, projected on its first M modes (no limit on its scores) and reconstructed; the
+    reconstruction is compared with the case's original mesh.
+
+    aligned    N shapes, N >= 4. meshes: N, in the same frame and order (`move_meshes`).
+    with_scale as in the alignment of the model.
+    Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out): case_id, modes,
+               chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
+               two samplings of the case's own mesh: what a perfect model would score), points.
+               Without faces surface_mm and hd95_mm are NaN.
+    """
+    count = len(aligned.case_ids)
+    if count < 4:
+        raise StudyError(
+            f"generalisation needs at least 4 cases, so that 3 remain when one is left out; "
+            f"{count} found. Add cases, or look at the reasons why others were dropped."
+        )
+    points = FixedPoints.of(
+        aligned.vertices.mean(axis=0), aligned.faces, settings.points, generator
+    )
+    rows = []
+    for held_out in _folds(count, settings.folds, generator):
+        model, frames = _model_without(aligned, held_out, with_scale)
+        for case, frame in zip(held_out, frames, strict=True):
+            mesh = _moved(meshes[case], frame)
+            shape = frame.apply(aligned.vertices[case])
+            rows += _reconstruction_errors(model, shape, mesh, points, settings, generator)
+    table = pd.DataFrame(rows)
+    order = {case_id: index for index, case_id in enumerate(aligned.case_ids)}
+    return table.sort_values(
+        by=["case_id", "modes"], key=lambda c: c.map(order) if c.name == "case_id" else c
+    ).reset_index(drop=True)
+
+
+def mean_over_cases(table: pd.DataFrame) -> pd.DataFrame:
+    """Per number of modes: mean and standard error over the cases of every column in mm.
+
+    table: as `generalisation` returns. Returns modes, x_mm, x_se_mm, …, samples (cases), points.
+    """
+    grouped = table.groupby("modes")
+    result = pd.DataFrame(index=grouped.size().index)
+    for column in [name for name in table.columns if name.endswith("_mm")]:
+        result[column] = grouped[column].mean()
+        result[column.replace("_mm", "_se_mm")] = grouped[column].sem()
+    result["samples"] = grouped.size()
+    result["points"] = grouped["points"].first()
+    return result.reset_index()
+
+
+def _reconstruction_errors(
+    model: ShapeModel,
+    shape: np.ndarray,
+    mesh: Mesh,
+    points: FixedPoints,
+    settings: EvaluationSettings,
+    generator: np.random.Generator,
+) -> list[dict[str, object]]:
+    """A row per number of modes for one held-out shape."""
+    samples = [
+        PointTarget.of(sample_points(mesh.vertices, mesh.faces, points.count, generator))
+        for _ in range(2)
+    ]
+    floor = chamfer(*samples)
+    surface = SurfaceTarget.of(mesh.vertices, mesh.faces) if len(model.faces) else None
+    scores = model.project(shape)
+    rows: list[dict[str, object]] = []
+    for modes in mode_counts(model.mode_count, settings.mode_counts):
+        rebuilt = model.reconstruct(scores[:modes])
+        mean_mm, hd95_mm = np.nan, np.nan
+        if surface is not None:
+            distance = surface_distance(SurfaceTarget.of(rebuilt, model.faces), surface)
+            mean_mm, hd95_mm = distance.mean, distance.hd95
+        rows.append(
+            {
+                "case_id": mesh.case_id,
+                "modes": modes,
+                "chamfer_mm": chamfer(PointTarget.of(points.on(rebuilt)), samples[0]),
+                "surface_mm": mean_mm,
+                "hd95_mm": hd95_mm,
+                "correspondence_mm": np.linalg.norm(rebuilt - shape, axis=1).mean(),
+                "chamfer_floor_mm": floor,
+                "points": points.count,
+            }
+        )
+    return rows
+
+
+def _model_without(
+    aligned: CorrespondedShapes, held_out: np.ndarray, with_scale: bool
+) -> tuple[ShapeModel, list[Frame]]:
+    """The model of the other cases, and for each held-out case its frame onto that model."""
+    kept = np.setdiff1d(np.arange(len(aligned.case_ids)), held_out)
+    others = CorrespondedShapes(
+        aligned.vertices[kept],
+        aligned.faces,
+        tuple(aligned.case_ids[case] for case in kept),
+        aligned.template_id,
+    )
+    model = build(align(others, with_scale=with_scale)[0])
+    frames = [
+        best_frame(aligned.vertices[case], model.mean, with_scale=with_scale) for case in held_out
+    ]
+    return model, frames
+
+
+def _folds(count: int, folds: int, generator: np.random.Generator) -> list[np.ndarray]:
+    """Held-out cases, fold by fold; each case exactly once."""
+    if folds == 0:
+        return [np.array([case]) for case in range(count)]
+    if not 2 <= folds <= count:
+        raise StudyError(f"folds is {folds} for {count} cases; 0 (one a time) or 2 … {count}.")
+    return [np.sort(part) for part in np.array_split(generator.permutation(count), folds)]
+
+
+def _moved(mesh: Mesh, frame: Frame) -> Mesh:
+    return dataclasses.replace(mesh, vertices=frame.apply(mesh.vertices))

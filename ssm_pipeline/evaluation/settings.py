@@ -1,0 +1,30 @@
+"""Settings of the evaluation stage."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ssm_pipeline.settings import Settings
+
+
+class EvaluationSettings(Settings):
+    """How much is sampled. All methods of one comparison are scored with the same settings."""
+
+    points: int = Field(4000, ge=50)  # surface samples a shape, for the Chamfer distance
+    samples: int = Field(1000, ge=2)  # shapes drawn from the model, for specificity (Chamfer)
+    surface_samples: int = Field(100, ge=2)  # of these, scored vertex to triangle as well
+    surface_points: int = Field(1000, ge=20)  # vertices asked a shape, there
+    screening_points: int = Field(128, ge=20)  # samples that pick the nearest training mesh
+    screening_errors: float = Field(2.0, ge=0)  # standard errors a mesh must be worse by to be out
+    mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
+    folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0 leaves one case out a time
+    coverage_edges: float = Field(1.5, gt=0)  # "no template point near", in mean edge lengths
+    bootstrap_draws: int = Field(10_000, ge=100)  # resamplings of the cases, for intervals
+
+
+def mode_counts(total: int, limit: int) -> list[int]:
+    """The numbers of modes that a curve is computed at: 1 … total, or `limit` of them, even."""
+    if total <= limit:
+        return list(range(1, total + 1))
+    step = (total - 1) / max(limit - 1, 1)
+    return sorted({1 + round(index * step) for index in range(limit)})
