@@ -1,0 +1,60 @@
+// Entry: reads the page's data and starts each tab when it is first opened.
+import { legend } from "./colours.js";
+import { showCharts } from "./charts.js";
+import { startCorrespondence } from "./correspondence.js";
+import { block, readModel } from "./data.js";
+import { startInterpolation } from "./interpolation.js";
+import { startModes } from "./modes.js";
+import { startTabs } from "./tabs.js";
+
+const study = JSON.parse(document.getElementById("description").textContent);
+const once = (make) => {
+  let value;
+  return () => (value ??= make());
+};
+const model = once(() => readModel(block("block-model")));
+const casesBlock = once(() => block("block-cases"));
+
+/**
+ * For tests and the curious, in the browser's console. A part appears when its tab has been opened.
+ *   viewer.modes.positions()        Float32Array, 3 numbers a vertex, mm
+ *   viewer.modes.scores()           the sliders' values, standard deviations
+ *   viewer.modes.setScores([…])     set them all (missing ones are 0)
+ *   viewer.modes.chooseCase(i)      show case i (null: none)
+ *   viewer.modes.measures()         { volumeMl, areaCm2, extentsMm }
+ *   viewer.modes.drawNow()          draw without waiting for the next frame
+ *   viewer.interpolation.set(t, ts), .positions(), .distortion()
+ *   viewer.correspondence.order()   the cases as shown
+ *   viewer.study                    the page's description of the study
+ */
+window.viewer = { study };
+
+for (const element of document.querySelectorAll(".legend[data-map]")) {
+  legend(element, element.dataset.map, element.dataset.low, element.dataset.high);
+}
+
+const distances = Object.keys(study.curves.distances).filter((name) =>
+  Object.values(study.curves.charts).some((byDistance) => byDistance[name]),
+);
+
+startTabs({
+  overview() {
+    showCharts(document.getElementById("overview-charts"), study.curves, distances[0]);
+  },
+  modes() {
+    viewer.modes = startModes(study, model(), casesBlock);
+  },
+  interpolation() {
+    if (study.paths.length) viewer.interpolation = startInterpolation(study);
+  },
+  correspondence() {
+    viewer.correspondence = startCorrespondence(study, model(), casesBlock);
+  },
+  quality() {
+    const select = document.getElementById("quality-distance");
+    select.append(...distances.map((name) => new Option(study.curves.distances[name], name)));
+    const show = () => showCharts(document.getElementById("quality-charts"), study.curves, select.value);
+    select.addEventListener("change", show);
+    show();
+  },
+});
