@@ -26,7 +26,7 @@ def correspondence_quality(
     Returns  one row per case:
         to_case_mm, to_case_hd95_mm       template vertices to the case's triangles
         from_case_mm, from_case_hd95_mm   case vertices to the template's triangles
-        fit_mm, fit_hd95_mm               mean of the two means, larger of the two HD95
+        surface_mm, hd95_mm               mean of the two means, larger of the two HD95
         flipped_percent                   share of the template's triangles that face against the
                                           case's surface at the point nearest to their centre
         uncovered_percent                 share of the case's area with no template vertex within
@@ -69,8 +69,8 @@ def _fit(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> dict[str, float
         "to_case_hd95_mm": to_hd95,
         "from_case_mm": from_case.mean(),
         "from_case_hd95_mm": from_hd95,
-        "fit_mm": 0.5 * (to_case.mean() + from_case.mean()),
-        "fit_hd95_mm": max(to_hd95, from_hd95),
+        "surface_mm": 0.5 * (to_case.mean() + from_case.mean()),
+        "hd95_mm": max(to_hd95, from_hd95),
     }
 
 

@@ -23,12 +23,12 @@ from ssm_pipeline.shape_model.pca import build
 
 
 def compactness(model: ShapeModel) -> pd.DataFrame:
-    """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, compactness (0 … 1)."""
+    """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, share (0 … 1)."""
     return pd.DataFrame(
         {
             "modes": np.arange(1, model.mode_count + 1),
             "variance_mm2": model.variances,
-            "compactness": model.compactness,
+            "share": model.compactness,
         }
     )
 

@@ -78,9 +78,10 @@ def nearest_chamfer(
     draws (n, P, 3) float32, points and targets in spatial order. Every distance is first
     estimated from `screening_points` of the points, both ways. In the order of the estimates the
     targets are then compared in full, but for those whose estimate less `screening_errors` of its
-    standard errors is above the best distance found. Points in spatial order make the subset even, and its true error about 0.3 of that
-    standard error (which is as of free draws), so that 2 of them are nearly 7 of the true: the
-    nearest target is missed practically never (tests, benchmarks/bench_evaluation.py).
+    standard errors is above the best distance found. Points in spatial order make the subset
+    even, and its true error about 0.3 of that standard error (which is as of free draws), so that
+    2 of them are nearly 7 of the true: the nearest target is missed practically never (tests,
+    benchmarks/bench_evaluation.py).
 
     Returns (n,) distances and (n, T) target indices, nearest first by the estimate.
     """
