@@ -19,7 +19,9 @@ def rotated_about_z(mesh: Mesh, angle: float) -> Mesh:
     return dataclasses.replace(mesh, vertices=(mesh.vertices - centre) @ rotation.T + centre)
 
 
-def bumped(mesh: Mesh, count: int, height: float, std: float, generator: np.random.Generator) -> Mesh:
+def bumped(
+    mesh: Mesh, count: int, height: float, std: float, generator: np.random.Generator
+) -> Mesh:
     """The mesh with `count` Gaussian bumps, in or out along the normals of the original.
 
     height and std (of the Gaussian) are shares of √area. The distance is the Euclidean one to the

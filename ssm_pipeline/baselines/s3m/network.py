@@ -82,7 +82,7 @@ class TAGConv(nn.Module):
 
 
 class FeatureExtractor(nn.Module):
-    """Coordinates → descriptors of length 1: three TAGConv layers (hops 1, 2, 3) and a linear one."""
+    """Coordinates → descriptors of length 1: TAGConv with 1, 2 and 3 hops, then a linear layer."""
 
     def __init__(self, size: int, generator: torch.Generator) -> None:
         super().__init__()

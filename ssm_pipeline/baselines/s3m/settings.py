@@ -15,35 +15,43 @@ class S3MSettings(Settings):
     hippocampi are bent as much as those thyroids were.
     """
 
-    eigenfunctions: int = Field(20, ge=2)  # the constant one included
-    dense_points: int = Field(4000, ge=1)  # first farthest-point sample, drawn from in training
-    points: int = Field(2048, ge=2)  # points of a training sample and of the result
-    neighbours: int = Field(10, ge=1)  # of the kNN graph, on raw coordinates
-    feature_size: int = Field(352, ge=4, multiple_of=4)  # descriptors a point
+    eigenfunctions: int = Field(default=20, ge=2)  # the constant one included
+    dense_points: int = Field(
+        default=4000, ge=1
+    )  # first farthest-point sample, drawn from in training
+    points: int = Field(default=2048, ge=2)  # points of a training sample and of the result
+    neighbours: int = Field(default=10, ge=1)  # of the kNN graph, on raw coordinates
+    feature_size: int = Field(default=352, ge=4, multiple_of=4)  # descriptors a point
     one_size: bool = False  # shapes scaled to the cohort's mean √area for training, else as in mm
 
-    rotated_copies: int = Field(1, ge=0)  # a shape, turned about z by a random angle
-    bumped_copies: int = Field(1, ge=0)  # a shape, with Gaussian bumps
-    bumps: int = Field(4, ge=1)  # a bumped copy
-    bump_height: float = Field(0.024, ge=0)  # along the normal, in or out, share of √area
-    bump_std: float = Field(0.16, gt=0)  # share of √area
-    samples_per_copy: int = Field(2, ge=1)  # farthest-point samples, each from another first point
+    rotated_copies: int = Field(default=1, ge=0)  # a shape, turned about z by a random angle
+    bumped_copies: int = Field(default=1, ge=0)  # a shape, with Gaussian bumps
+    bumps: int = Field(default=4, ge=1)  # a bumped copy
+    bump_height: float = Field(default=0.024, ge=0)  # along the normal, in or out, share of √area
+    bump_std: float = Field(default=0.16, gt=0)  # share of √area
+    samples_per_copy: int = Field(
+        default=2, ge=1
+    )  # farthest-point samples, each from another first point
 
-    bijectivity: float = Field(1.0, ge=0)  # weight
-    orthogonality: float = Field(1.0, ge=0)  # weight
-    laplacian: float = Field(1e-3, ge=0)  # weight
-    preservation: float = Field(100.0, ge=0)  # weight
-    preservation_share: float = Field(0.2, gt=0, le=1)  # of the descriptors, drawn at each step
+    bijectivity: float = Field(default=1.0, ge=0)  # weight
+    orthogonality: float = Field(default=1.0, ge=0)  # weight
+    laplacian: float = Field(default=1e-3, ge=0)  # weight
+    preservation: float = Field(default=100.0, ge=0)  # weight
+    preservation_share: float = Field(
+        default=0.2, gt=0, le=1
+    )  # of the descriptors, drawn at each step
 
-    learning_rate: float = Field(1e-4, gt=0)  # AdamW
-    epochs: int = Field(30, ge=1)  # one epoch: as many pairs as ordered pairs of copies
-    shapes_per_step: int = Field(8, ge=2)  # all their ordered pairs are the batch: 8² = 64
-    plateau_factor: float = Field(0.1, gt=0, lt=1)  # of the learning rate
-    plateau_patience: int = Field(20, ge=0)  # epochs
-    plateau_threshold: float = Field(1e-2, ge=0)  # relative
+    learning_rate: float = Field(default=1e-4, gt=0)  # AdamW
+    epochs: int = Field(default=30, ge=1)  # one epoch: as many pairs as ordered pairs of copies
+    shapes_per_step: int = Field(default=8, ge=2)  # all their ordered pairs are the batch: 8² = 64
+    plateau_factor: float = Field(default=0.1, gt=0, lt=1)  # of the learning rate
+    plateau_patience: int = Field(default=20, ge=0)  # epochs
+    plateau_threshold: float = Field(default=1e-2, ge=0)  # relative
 
-    kernel_variance_mm2: float = Field(1000.0, gt=0)  # of the product manifold filter, mm²
-    kernel_std_share: float | None = Field(None, gt=0)  # of √area; set, it replaces the variance
+    kernel_variance_mm2: float = Field(default=1000.0, gt=0)  # of the product manifold filter, mm²
+    kernel_std_share: float | None = Field(
+        default=None, gt=0
+    )  # of √area; set, it replaces the variance
 
     @staticmethod
     def tuned() -> S3MSettings:
