@@ -1,0 +1,127 @@
+"""Is an image file whole? SimpleITK reads some damaged files in silence.
+
+Measured with SimpleITK 2.5: a NIfTI file cut short is filled up with zeros, and a `.zraw` with a
+damaged byte loses what follows it; neither raises. Cut `.mhd` and `.nrrd` data do raise.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import struct
+import zlib
+from pathlib import Path
+
+from ssm_pipeline.records import CaseError
+
+SUFFIXES = (".mhd", ".mha", ".nrrd", ".nii.gz", ".nii")
+_CHUNK = 1 << 22
+_NIFTI_HEADER = 348
+
+
+def image_suffix(path: Path) -> str | None:
+    """The label image suffix of a file name (`.nii.gz` counts as one), or None."""
+    return next((suffix for suffix in SUFFIXES if path.name.lower().endswith(suffix)), None)
+
+
+def image_stem(path: Path) -> str:
+    """The file name without its image suffix: dots inside a series UID stay."""
+    suffix = image_suffix(path)
+    return path.name[: -len(suffix)] if suffix else path.stem
+
+
+def is_image(path: Path) -> bool:
+    """True for label images; False for hidden files such as macOS's `._case.nii.gz`."""
+    return image_suffix(path) is not None and not path.name.startswith(".") and path.is_file()
+
+
+def check_whole(path: Path, case_id: str) -> None:
+    """Raise CaseError if the file's voxels are incomplete or its spacing is not usable.
+
+    Decompresses the data once (0.2 s for 512 × 512 × 300 labels).
+    """
+    suffix = image_suffix(path)
+    if suffix in (".mhd", ".mha"):
+        _check_metaimage(path, case_id)
+    elif suffix in (".nii", ".nii.gz"):
+        _check_nifti(path, case_id)
+
+
+def _check_metaimage(path: Path, case_id: str) -> None:
+    fields: dict[str, str] = {}
+    with path.open("rb") as file:
+        for line in file:
+            key, _, value = line.decode("latin-1").partition("=")
+            fields[key.strip()] = value.strip()
+            if key.strip() == "ElementDataFile":
+                break
+        header_bytes = file.tell()
+    _check_spacing(fields.get("ElementSpacing", "1").split(), path, case_id)
+    name = fields.get("ElementDataFile", "")
+    if fields.get("CompressedData", "False").lower() != "true":
+        return  # SimpleITK itself refuses raw data of the wrong length
+    local = name.upper() == "LOCAL"
+    data_path = path if local else path.parent / name
+    if not data_path.is_file():
+        raise CaseError(
+            case_id,
+            f"{path.name} names the data file {name or '(none)'}, which is not beside it. "
+            "Copy the .mhd and its .zraw together.",
+        )
+    inflater = zlib.decompressobj()
+    with data_path.open("rb") as file:
+        file.seek(header_bytes if local else 0)
+        try:
+            while not inflater.eof and (block := file.read(_CHUNK)):
+                inflater.decompress(block)
+        except zlib.error as error:
+            raise _damaged(data_path, case_id, str(error)) from error
+    if not inflater.eof:
+        raise _damaged(data_path, case_id, "the compressed data end too early")
+
+
+def _check_nifti(path: Path, case_id: str) -> None:
+    compressed = image_suffix(path) == ".nii.gz"
+    try:
+        with gzip.open(path, "rb") if compressed else path.open("rb") as file:
+            header = file.read(_NIFTI_HEADER)
+            if len(header) < _NIFTI_HEADER:
+                raise _damaged(path, case_id, "it ends inside its header")
+            order = "<" if struct.unpack_from("<i", header)[0] == _NIFTI_HEADER else ">"
+            if struct.unpack_from(order + "i", header)[0] != _NIFTI_HEADER:
+                return  # NIfTI-2 or Analyze: left to SimpleITK
+            dim = struct.unpack_from(order + "8h", header, 40)
+            pixdim = struct.unpack_from(order + "8f", header, 76)
+            bits = struct.unpack_from(order + "h", header, 72)[0]
+            offset = struct.unpack_from(order + "f", header, 108)[0]
+            found = _NIFTI_HEADER
+            while block := file.read(_CHUNK):
+                found += len(block)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise _damaged(path, case_id, str(error)) from error
+    axes = dim[0]
+    _check_spacing([str(value) for value in pixdim[1 : 1 + min(axes, 3)]], path, case_id)
+    needed = int(offset) + math.prod(dim[1 : 1 + axes]) * bits // 8
+    if found < needed:
+        raise _damaged(path, case_id, f"it holds {found} bytes and its header promises {needed}")
+
+
+def _check_spacing(values: list[str], path: Path, case_id: str) -> None:
+    try:
+        good = all(math.isfinite(float(value)) and float(value) != 0 for value in values)
+    except ValueError:
+        good = False
+    if not good:
+        raise CaseError(
+            case_id,
+            f"the header of {path.name} gives the voxel spacing {' × '.join(values)} mm; finite, "
+            "non-zero numbers are needed. Correct the header, or export the mask again.",
+        )
+
+
+def _damaged(path: Path, case_id: str, what: str) -> CaseError:
+    return CaseError(
+        case_id,
+        f"{path.name} is damaged or cut short ({what}); the whole file is needed. "
+        "Copy or download it again.",
+    )

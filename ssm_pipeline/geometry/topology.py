@@ -1,0 +1,85 @@
+"""Is a triangle mesh a closed, oriented manifold, and of which genus?"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+
+def directed_edges(faces: np.ndarray) -> np.ndarray:
+    """(3F, 2): the edges of each face in its own direction; row c·F + f starts at corner c."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def euler_number(faces: np.ndarray) -> int:
+    """V − E + F over the vertices in use: 2 − 2·genus for one closed surface, 2 for a sphere."""
+    edges = np.unique(np.sort(directed_edges(faces), axis=1), axis=0)
+    return len(np.unique(faces)) - len(edges) + len(faces)
+
+
+def boundary_edges(faces: np.ndarray) -> np.ndarray:
+    """(B, 2) directed edges that belong to one face only; empty for a closed mesh."""
+    edges = directed_edges(faces)
+    _, inverse, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    return edges[count[inverse.reshape(-1)] == 1]
+
+
+def boundary_loop_count(faces: np.ndarray) -> int:
+    """The number of connected chains of boundary edges: holes. 0 for a closed mesh."""
+    edges = boundary_edges(faces)
+    if len(edges) == 0:
+        return 0
+    _, local = np.unique(edges, return_inverse=True)
+    return _component_count(local.reshape(edges.shape), local.max() + 1)
+
+
+def is_oriented_manifold(faces: np.ndarray) -> bool:
+    """True if the mesh is closed, every edge has two faces of agreeing orientation, and the
+    faces around every vertex form one fan."""
+    edges = directed_edges(faces)
+    vertex_count = int(faces.max()) + 1
+    forward = edges[:, 0] * vertex_count + edges[:, 1]
+    backward = edges[:, 1] * vertex_count + edges[:, 0]
+    order = np.argsort(forward)
+    if (np.diff(forward[order]) == 0).any():
+        return False  # an edge is used twice in one direction
+    position = np.minimum(np.searchsorted(forward[order], backward), len(forward) - 1)
+    if (forward[order][position] != backward).any():
+        return False  # a boundary edge, or an edge with three faces
+    # Corner c of face f is node c·F + f. Across the edge a→b of one face and b→a of the other,
+    # their corners at a, and at b, belong to one fan; as many fans as vertices is what's needed.
+    count = len(faces)
+    corner = np.arange(3 * count)
+    following = (corner + count) % (3 * count)  # the corner at the end of the edge
+    opposite = order[position]
+    links = np.stack([corner, following[opposite]], axis=1)
+    return _component_count(links, 3 * count) == len(np.unique(faces))
+
+
+def face_components(faces: np.ndarray) -> np.ndarray:
+    """(F,) int: which connected piece of the surface each face belongs to."""
+    edges = directed_edges(faces)
+    count = int(faces.max()) + 1
+    graph = sp.coo_matrix((np.ones(len(edges), bool), edges.T), shape=(count, count))
+    return connected_components(graph, directed=False)[1][faces[:, 0]]
+
+
+def min_angle_deg(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The smallest inner angle of any triangle, degrees."""
+    corners = vertices[faces]
+    smallest = np.inf
+    for corner in range(3):
+        to_next = corners[:, (corner + 1) % 3] - corners[:, corner]
+        to_last = corners[:, (corner + 2) % 3] - corners[:, corner]
+        sine = np.linalg.norm(np.cross(to_next, to_last), axis=1)
+        cosine = np.einsum("fd,fd->f", to_next, to_last)
+        smallest = min(smallest, float(np.arctan2(sine, cosine).min()))
+    return float(np.degrees(smallest))
+
+
+def _component_count(links: np.ndarray, node_count: int) -> int:
+    graph = sp.coo_matrix((np.ones(len(links), bool), links.T), shape=(node_count, node_count))
+    return int(connected_components(graph, directed=False)[0])
