@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -87,10 +88,10 @@ def paired_difference(
     }
 
 
-def _row(name: str, metrics: Metrics, modes: int) -> dict[str, object]:
+def _row(name: str, metrics: Metrics, modes: int) -> dict[str, Any]:
     cases = _at(metrics.tables["generalisation"], modes)
     drawn = _at(metrics.tables["specificity"], modes)
-    row: dict[str, object] = {
+    row: dict[str, Any] = {
         "method": name,
         "modes": modes,
         "cases": len(cases),

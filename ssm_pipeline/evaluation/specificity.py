@@ -54,13 +54,13 @@ def specificity(
     for modes in wanted:
         draws += np.tensordot(scores[:, done:modes].astype(np.float32), fields[done:modes], axes=1)
         done = modes
-        nearest, ranked = nearest_chamfer(
+        nearest, left = nearest_chamfer(
             draws, targets, settings.screening_points, settings.screening_errors
         )
         row: dict[str, float] = {"modes": modes, "samples": len(nearest)}
         row |= _mean_and_error("chamfer", nearest)
         surface = _nearest_surface(
-            model, scores[: settings.surface_samples, :modes], surfaces, ranked, settings
+            model, scores[: settings.surface_samples, :modes], surfaces, left, settings
         )
         row |= _mean_and_error("surface", surface[:, 0]) | _mean_and_error("hd95", surface[:, 1])
         rows.append(row | {"surface_samples": len(surface)})
@@ -72,52 +72,64 @@ def nearest_chamfer(
     targets: Sequence[PointTarget],
     screening_points: int,
     screening_errors: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Chamfer distance of each draw to the nearest target, and the targets' order by estimate.
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Chamfer distance of each draw to the nearest target, and the targets that were in question.
 
     draws (n, P, 3) float32, points and targets in spatial order. Every distance is first
-    estimated from `screening_points` of the points, both ways. In the order of the estimates the
-    targets are then compared in full, but for those whose estimate less `screening_errors` of its
-    standard errors is above the best distance found. Points in spatial order make the subset
-    even, and its true error about 0.3 of that standard error (which is as of free draws), so that
-    2 of them are nearly 7 of the true: the nearest target is missed practically never (tests,
-    benchmarks/bench_evaluation.py).
+    estimated from a quarter of `screening_points`, then from all of them, both ways; a target is
+    out where its estimate, less `screening_errors` of its standard errors, is above the best
+    estimate plus as many of that one's. What is left is compared in full, nearest first, with the
+    same bound. Points in spatial order make a subset even, and its true error about 0.3 of the
+    standard error (which is as of free draws), so that 2 of them are nearly 7 of the true: the
+    nearest target is missed practically never (tests, benchmarks/bench_evaluation.py).
 
-    Returns (n,) distances and (n, T) target indices, nearest first by the estimate.
+    Returns (n,) distances and, per draw, the indices of the targets left, nearest first.
     """
-    count, size = len(draws), draws.shape[1]
-    subset = np.linspace(0, size - 1, min(screening_points, size)).round().astype(int)
-    asked = np.concatenate([target.points[subset] for target in targets])
-    thin = np.ascontiguousarray(draws[:, subset]).reshape(-1, 3)
-    to_target = np.stack([target.distances_to(thin) for target in targets])
-    to_target = to_target.reshape(len(targets), count, len(subset))
-
-    nearest = np.empty(count)
-    ranked = np.empty((count, len(targets)), dtype=np.int64)
+    size = draws.shape[1]
+    screens = [_even_subset(size, screening_points // 4), _even_subset(size, screening_points)]
+    nearest, left = np.empty(len(draws)), []
     for index, points in enumerate(draws):
-        draw = PointTarget.of(points)
-        to_draw = draw.distances_to(asked).reshape(len(targets), len(subset))
-        out = to_target[:, index]
-        estimate = 0.5 * (out.mean(axis=1) + to_draw.mean(axis=1))
-        error = 0.5 * np.sqrt((out.var(axis=1) + to_draw.var(axis=1)) / len(subset))
-        ranked[index] = order = estimate.argsort()
-        bound = estimate - screening_errors * error
-        best = np.inf
-        for target in order:
-            if bound[target] <= best:
-                best = min(best, chamfer(draw, targets[target]))
-        nearest[index] = best
-    return nearest, ranked
+        draw, kept = PointTarget.of(points), np.arange(len(targets))
+        for subset in screens:
+            estimate, error = _estimates(draw, [targets[int(t)] for t in kept], subset)
+            margin = screening_errors * error
+            best = estimate.argmin()
+            possible = estimate - margin <= estimate[best] + margin[best]
+            kept, bound, estimate = (v[possible] for v in (kept, estimate - margin, estimate))
+        order = estimate.argsort()
+        distance = np.inf
+        for target, lowest in zip(kept[order], bound[order], strict=True):
+            if lowest <= distance:
+                distance = min(distance, chamfer(draw, targets[target]))
+        nearest[index] = distance
+        left.append(kept[order])
+    return nearest, left
+
+
+def _estimates(
+    draw: PointTarget, targets: Sequence[PointTarget], subset: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) Chamfer distances from a subset of the points, and their standard errors."""
+    asked = draw.points[subset]
+    out = np.stack([target.distances_to(asked) for target in targets])
+    back = draw.distances_to(np.concatenate([target.points[subset] for target in targets]))
+    back = back.reshape(out.shape)
+    estimate = 0.5 * (out.mean(axis=1) + back.mean(axis=1))
+    return estimate, 0.5 * np.sqrt((out.var(axis=1) + back.var(axis=1)) / len(subset))
+
+
+def _even_subset(size: int, count: int) -> np.ndarray:
+    return np.linspace(0, size - 1, min(count, size)).round().astype(np.int64)
 
 
 def _nearest_surface(
     model: ShapeModel,
     scores: np.ndarray,
     surfaces: Sequence[SurfaceTarget],
-    ranked: np.ndarray,
+    left: Sequence[np.ndarray],
     settings: EvaluationSettings,
 ) -> np.ndarray:
-    """(n, 2) symmetric mean and HD95 to the nearest of the two meshes nearest by Chamfer.
+    """(n, 2) symmetric mean and HD95 to the nearest of at most two meshes left by Chamfer.
 
     From an even subset of either's vertices to the other's triangles.
     """
@@ -127,7 +139,7 @@ def _nearest_surface(
     for index, vertices in enumerate(model.reconstruct(scores)):
         draw = SurfaceTarget.of(vertices, model.faces)
         found = []
-        for target in ranked[index, :2]:
+        for target in left[index][:2]:
             surface = surfaces[target]
             out = surface.distances_to(_thinned(vertices, settings.surface_points))
             back = draw.distances_to(_thinned(surface.vertices, settings.surface_points))
