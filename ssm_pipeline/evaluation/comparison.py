@@ -134,8 +134,8 @@ def _require_alike(methods: Mapping[str, Metrics]) -> None:
             "the evaluation to the smallest, for all."
         )
     if len({cases for cases, _ in scored.values()}) > 1:
-        found = {name: len(cases) for name, (cases, _) in scored.items()}
+        counts = {name: len(cases) for name, (cases, _) in scored.items()}
         raise ValueError(
-            f"the methods were scored on different cases (counts: {found}). Evaluate all of them "
+            f"the methods were scored on different cases (counts: {counts}). Evaluate all of them "
             "on the cases that every method has."
         )

@@ -1,0 +1,59 @@
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_shapes import wavy_cohort
+
+from ssm_pipeline.evaluation.comparison import compare
+from ssm_pipeline.evaluation.evaluate import evaluate_method
+from ssm_pipeline.evaluation.settings import EvaluationSettings
+
+SETTINGS = EvaluationSettings(points=162, samples=20, surface_samples=5)
+
+
+@pytest.fixture(scope="module")
+def cohort():
+    return wavy_cohort(5)
+
+
+@pytest.fixture(scope="module")
+def scored(cohort):
+    return evaluate_method("ours", *cohort, SETTINGS, seed=7)
+
+
+def test_all_tables_with_method_and_seed(scored):
+    assert set(scored.tables) == {
+        "compactness",
+        "generalisation",
+        "generalisation_mean",
+        "specificity",
+        "correspondence",
+    }
+    for table in scored.tables.values():
+        assert table["method"].eq("ours").all()
+        assert table["seed"].eq(7).all()
+        assert not table.isna().any(axis=None)
+    assert scored.tables["generalisation"]["modes"].max() == 3
+    assert scored.tables["specificity"]["modes"].max() == 4
+
+
+def test_same_seed_same_numbers_whatever_the_order_of_meshes(cohort, scored):
+    shapes, meshes = cohort
+    again = evaluate_method("ours", shapes, meshes[::-1], SETTINGS, seed=7)
+    for name, table in scored.tables.items():
+        pd.testing.assert_frame_equal(table, again.tables[name])
+
+
+def test_point_clouds_are_scored_by_as_many_points(cohort, scored):
+    shapes, meshes = cohort
+    cloud = dataclasses.replace(shapes, faces=np.empty((0, 3), dtype=np.int64))
+    metrics = evaluate_method("points", cloud, meshes, SETTINGS, seed=7)
+    assert "correspondence" not in metrics.tables
+    assert metrics.tables["generalisation"]["points"].eq(162).all()
+    assert metrics.tables["generalisation"]["surface_mm"].isna().all()
+    both = compare({"ours": scored, "points": metrics}, "points", 200, np.random.default_rng(0))
+    # The same shapes: what differs is where on the surface the points lie.
+    assert both["generalisation_chamfer_mm"].iloc[0] == pytest.approx(
+        both["generalisation_chamfer_mm"].iloc[1], rel=0.15
+    )

@@ -1,0 +1,153 @@
+import dataclasses
+
+import igl
+import numpy as np
+import pytest
+from synthetic_shapes import lattice, speckles, wavy_cohort
+
+from ssm_pipeline.evaluation.model_quality import (
+    compactness,
+    generalisation,
+    mean_over_cases,
+    move_meshes,
+)
+from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
+from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.records import CorrespondedShapes, StudyError
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.pca import build
+
+
+def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
+    """Four shapes that vary along u alone, and one that also has w, which is orthogonal to u.
+
+    Both are symmetric stretches, so the best alignment leaves them as they are.
+    """
+    points = lattice(4)
+    u, w = points * [0, 0, 0.02], points * [0.03, -0.03, 0]
+    shapes = np.stack([points + a * u for a in (-1, -0.5, 0.5, 1)] + [points + w])
+    ids = tuple("abcde")
+    corresponded = CorrespondedShapes(shapes, np.empty((0, 3), dtype=np.int64), ids, "a")
+    return corresponded, [speckles(s, i) for s, i in zip(shapes, ids, strict=True)], w
+
+
+def test_generalisation_of_a_case_outside_the_span_is_its_residual():
+    shapes, meshes, w = residual_case()
+    settings = EvaluationSettings(points=64)
+    table = generalisation(shapes, meshes, settings, np.random.default_rng(0))
+    held = table[table["case_id"] == "e"]
+    residual = np.linalg.norm(w, axis=1).mean()
+    assert held["correspondence_mm"].to_numpy() == pytest.approx(residual, rel=1e-9)
+    # 1e-4 mm triangles instead of points, in float32.
+    assert held["chamfer_mm"].to_numpy() == pytest.approx(residual, abs=1e-3)
+    assert held["surface_mm"].isna().all()
+
+
+def test_generalisation_of_scaled_copies_is_zero():
+    # Every held-out shape lies in the one-mode span of the others, however far out.
+    points = lattice(4)
+    shapes = np.stack([points * scale for scale in (0.9, 0.95, 1.0, 1.02, 1.1)])
+    ids = tuple("abcde")
+    corresponded = CorrespondedShapes(shapes, np.empty((0, 3), dtype=np.int64), ids, "a")
+    meshes = [speckles(s, i) for s, i in zip(shapes, ids, strict=True)]
+    settings = EvaluationSettings(points=64)
+    table = generalisation(corresponded, meshes, settings, np.random.default_rng(0))
+    assert table["modes"].unique().tolist() == [1]
+    assert table["correspondence_mm"].max() < 1e-9
+    assert table["chamfer_mm"].max() < 1e-3
+
+
+def test_leave_one_out_equals_a_loop_written_out():
+    corresponded, meshes = wavy_cohort(6)
+    aligned, frames = align(corresponded)
+    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    table = generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
+    assert len(table) == 6 * 4
+    faces = aligned.faces
+    for case in range(6):
+        others = np.delete(aligned.vertices, case, axis=0)
+        ids = tuple(np.delete(aligned.case_ids, case))
+        others = align(CorrespondedShapes(others, faces, ids, aligned.template_id))[0].vertices
+        mean = others.mean(axis=0)
+        flat = (others - mean).reshape(5, -1)
+        _, _, axes = np.linalg.svd(flat)
+        shape = best_frame(aligned.vertices[case], mean).apply(aligned.vertices[case])
+        for modes in range(1, 5):
+            basis = axes[:modes]
+            rebuilt = mean + ((shape - mean).ravel() @ basis.T @ basis).reshape(mean.shape)
+            row = table[(table["case_id"] == f"case_{case:02d}") & (table["modes"] == modes)]
+            expected = np.linalg.norm(rebuilt - shape, axis=1).mean()
+            assert row["correspondence_mm"].item() == pytest.approx(expected, rel=1e-6)
+            there = np.sqrt(igl.point_mesh_squared_distance(rebuilt, shape, faces)[0])
+            back = np.sqrt(igl.point_mesh_squared_distance(shape, rebuilt, faces)[0])
+            expected = (there.mean() + back.mean()) / 2
+            assert row["surface_mm"].item() == pytest.approx(expected, rel=1e-6)
+            hd95 = max(np.percentile(there, 95), np.percentile(back, 95))
+            assert row["hd95_mm"].item() == pytest.approx(hd95, rel=1e-6)
+
+
+def test_generalisation_does_not_depend_on_pose():
+    corresponded, meshes = wavy_cohort(5)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turned = dataclasses.replace(corresponded, vertices=corresponded.vertices @ turn.T + 500)
+    turned_meshes = [dataclasses.replace(m, vertices=m.vertices @ turn.T + 500) for m in meshes]
+    tables = []
+    for shapes, surfaces in ((corresponded, meshes), (turned, turned_meshes)):
+        aligned, frames = align(shapes)
+        moved = move_meshes(surfaces, shapes.case_ids, frames)
+        tables.append(
+            generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
+        )
+    for column in ("surface_mm", "hd95_mm", "correspondence_mm"):
+        assert tables[0][column].to_numpy() == pytest.approx(tables[1][column].to_numpy(), rel=1e-5)
+
+
+def test_folds_hold_out_every_case_once():
+    corresponded, meshes = wavy_cohort(7)
+    aligned, frames = align(corresponded)
+    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    settings = EvaluationSettings(folds=3, points=200)
+    table = generalisation(aligned, moved, settings, np.random.default_rng(0))
+    assert table[table["modes"] == 1]["case_id"].tolist() == list(corresponded.case_ids)
+    assert table["modes"].max() == 4 - 1 or table["modes"].max() == 5 - 1  # 4 or 5 cases remain
+
+
+def test_mean_over_cases():
+    corresponded, meshes = wavy_cohort(5)
+    aligned, frames = align(corresponded)
+    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    cases = generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
+    summary = mean_over_cases(cases)
+    values = cases[cases["modes"] == 2]["surface_mm"].to_numpy()
+    row = summary[summary["modes"] == 2]
+    assert row["surface_mm"].item() == pytest.approx(values.mean())
+    assert row["surface_se_mm"].item() == pytest.approx(values.std(ddof=1) / np.sqrt(5))
+    assert row["samples"].item() == 5
+
+
+def test_compactness_reaches_one():
+    corresponded, _ = wavy_cohort(6)
+    table = compactness(build(align(corresponded)[0]))
+    assert table["share"].is_monotonic_increasing
+    assert table["share"].iloc[-1] == pytest.approx(1)
+
+
+def test_mode_counts():
+    assert mode_counts(5, 24) == [1, 2, 3, 4, 5]
+    spread = mode_counts(100, 24)
+    assert len(spread) == 24
+    assert spread[0] == 1
+    assert spread[-1] == 100
+    assert mode_counts(9, 1) == [1]
+
+
+def test_clear_errors():
+    corresponded, meshes = wavy_cohort(5)
+    _, frames = align(corresponded)
+    with pytest.raises(StudyError, match="case_04"):
+        move_meshes(meshes[:4], corresponded.case_ids, frames)
+    few, few_meshes = wavy_cohort(3)
+    with pytest.raises(StudyError, match="at least 4 cases"):
+        generalisation(few, few_meshes, EvaluationSettings(), np.random.default_rng(0))
+    with pytest.raises(StudyError, match="folds is 9"):
+        generalisation(corresponded, meshes, EvaluationSettings(folds=9), np.random.default_rng(0))
