@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from data_prep.image_files import check_whole
+from data_prep.image_files import check_header, check_voxels
 from ssm_pipeline.records import CaseError, Mask
 
 MIN_VOXELS = 64  # a 4 × 4 × 4 block: less is no surface
@@ -32,7 +32,7 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
-    check_whole(path, case_id)
+    check_header(path, case_id)
     try:
         image = sitk.ReadImage(str(path))
     except RuntimeError as error:
@@ -49,8 +49,10 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
             f"{path.name} holds a {size} image with {image.GetNumberOfComponentsPerPixel()} "
             "value(s) per voxel; one 3D volume of labels is needed. Export it as such.",
         )
+    labels = sitk.GetArrayFromImage(image)
+    check_voxels(path, case_id, labels)
     return LabelImage(
-        labels=sitk.GetArrayFromImage(image),
+        labels=labels,
         spacing_mm=np.array(image.GetSpacing()),
         origin_mm=np.array(image.GetOrigin()),
         direction=np.array(image.GetDirection()).reshape(3, 3),

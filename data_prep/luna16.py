@@ -5,6 +5,7 @@ Source: Setio et al. 2017, https://luna16.grand-challenge.org.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -50,7 +51,7 @@ def find_cases(
         by_id = {uid: path for uid, path in by_id.items() if uid in scans}
         if not by_id:
             raise StudyError(f"none of the masks in {masks} belongs to a CT of subset{subset}.")
-    sides = ("left", "right") if side == "both" else (side,)
+    sides: tuple[Side, ...] = ("left", "right") if side == "both" else (side,)
     sources = []
     for uid, path in choose(by_id, cases, limit).items():
         for one in sides:
@@ -72,14 +73,7 @@ def _load(path: Path, side: Side, case_id: str, allow_truncated: bool) -> Mask:
             f"label {LEFT} (left lung) lies to the patient's right of label {RIGHT}: the sides "
             "may be swapped"
         )
-        return Mask(
-            mask.voxels,
-            mask.spacing_mm,
-            mask.origin_mm,
-            mask.direction,
-            case_id,
-            (*mask.warnings, warning),
-        )
+        return replace(mask, warnings=(*mask.warnings, warning))
     return mask
 
 

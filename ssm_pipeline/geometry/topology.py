@@ -14,17 +14,13 @@ def directed_edges(faces: np.ndarray) -> np.ndarray:
 
 def euler_number(faces: np.ndarray) -> int:
     """V − E + F over the vertices in use: 2 − 2·genus for one closed surface, 2 for a sphere."""
-    edges = np.unique(np.sort(directed_edges(faces), axis=1), axis=0)
-    return len(np.unique(faces)) - len(edges) + len(faces)
+    return len(np.unique(faces)) - len(np.unique(_undirected_keys(faces))) + len(faces)
 
 
 def boundary_edges(faces: np.ndarray) -> np.ndarray:
     """(B, 2) directed edges that belong to one face only; empty for a closed mesh."""
-    edges = directed_edges(faces)
-    _, inverse, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    return edges[count[inverse.reshape(-1)] == 1]
+    _, inverse, count = np.unique(_undirected_keys(faces), return_inverse=True, return_counts=True)
+    return directed_edges(faces)[count[inverse] == 1]
 
 
 def boundary_loop_count(faces: np.ndarray) -> int:
@@ -78,6 +74,12 @@ def min_angle_deg(vertices: np.ndarray, faces: np.ndarray) -> float:
         cosine = np.einsum("fd,fd->f", to_next, to_last)
         smallest = min(smallest, float(np.arctan2(sine, cosine).min()))
     return float(np.degrees(smallest))
+
+
+def _undirected_keys(faces: np.ndarray) -> np.ndarray:
+    """(3F,) one number an edge, the same from both sides: sorts ten times faster than pairs."""
+    edges = directed_edges(faces)
+    return edges.min(axis=1) * (int(faces.max()) + 1) + edges.max(axis=1)
 
 
 def _component_count(links: np.ndarray, node_count: int) -> int:

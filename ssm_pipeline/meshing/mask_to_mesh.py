@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ssm_pipeline.geometry.topology import is_oriented_manifold
-from ssm_pipeline.meshing.decimation import decimate
+from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles
-from ssm_pipeline.meshing.isosurface import isosurface, largest_piece
+from ssm_pipeline.meshing.isosurface import isosurface
 from ssm_pipeline.meshing.quality import MeshQuality, measure_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.meshing.smooth_field import keep_organ, smooth_field
@@ -16,11 +16,11 @@ from ssm_pipeline.records import CaseError, Mask, Mesh
 
 
 def mesh_from_mask(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
-    """Crop, keep the largest piece, fill cavities, blur, extract, cut handles, smooth, decimate.
+    """Crop, keep the largest piece, fill cavities, blur, extract, smooth, cut handles, decimate.
 
     The blur's level is the one that keeps the volume, and what smoothing and decimation take off
     is given back along the normals. Handles, which the hilum of a lung leaves, mostly vanish in
-    the blur; the rest are cut on the extracted surface (see `handles`).
+    the blur; the rest are cut on the surface (see `handles`).
     Raises CaseError if no closed manifold surface results.
     Source: Cao et al. 2024, section 5.4 (labels, marching cubes, Laplacian smoothing, quadric
     decimation); the rest is ours.
@@ -28,19 +28,19 @@ def mesh_from_mask(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQua
     organ = keep_organ(mask)
     voxel_mm, smoothing_mm = grid_sizes(organ.volume_mm3, settings)
     surface = isosurface(smooth_field(organ, voxel_mm, smoothing_mm), mask.case_id)
-    handles_cut = 0
-    if settings.cut_handles:
-        surface, handles_cut = cut_handles(surface)
-        surface = largest_piece(surface)
-    smooth = laplacian_smoothing(surface.vertices, surface.faces, settings.laplacian_steps)
-    smooth = restore_volume(smooth, surface.faces, organ.volume_mm3)
-    mesh = decimate(Mesh(smooth, surface.faces, mask.case_id), settings.faces, settings.fast_faces)
-    if not is_oriented_manifold(mesh.faces):
+    if not is_oriented_manifold(surface.faces):
         raise CaseError(
             mask.case_id,
             "the surface is not a closed manifold. Try more smoothing (smoothing_mm) or a finer "
             "grid (voxel_mm).",
         )
+    smooth = laplacian_smoothing(surface.vertices, surface.faces, settings.laplacian_steps)
+    surface = reduce_fast(Mesh(smooth, surface.faces, mask.case_id), settings.fast_faces)
+    handles_cut = 0
+    if settings.cut_handles:
+        surface, handles_cut = cut_handles(surface)
+    vertices = restore_volume(surface.vertices, surface.faces, organ.volume_mm3)
+    mesh = decimate(Mesh(vertices, surface.faces, mask.case_id), settings.faces)
     return mesh, measure_quality(mesh, organ, handles_cut, voxel_mm, smoothing_mm)
 
 

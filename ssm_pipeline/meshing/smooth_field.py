@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -37,13 +37,13 @@ def keep_organ(mask: Mask) -> Mask:
     if count > 1:
         sizes = np.bincount(pieces.ravel())
         sizes[0] = 0
-        cropped = _crop(_with_voxels(cropped, pieces == sizes.argmax()))
+        cropped = _crop(replace(cropped, voxels=pieces == sizes.argmax()))
     del pieces
     # A margin of one voxel joins the outside into one piece; what else is empty is a cavity.
     outside, count = ndimage.label(np.pad(~cropped.voxels, 1, constant_values=True))
     if count > 1:
         filled = (outside != outside[0, 0, 0])[1:-1, 1:-1, 1:-1]
-        cropped = _with_voxels(cropped, filled)
+        cropped = replace(cropped, voxels=filled)
     return cropped
 
 
@@ -111,17 +111,4 @@ def _crop(mask: Mask) -> Mask:
         highs.append(used[-1] + 1)
     voxels = mask.voxels[lows[0] : highs[0], lows[1] : highs[1], lows[2] : highs[2]]
     origin = mask.to_world(np.array(lows[::-1], float))
-    return Mask(
-        np.ascontiguousarray(voxels),
-        mask.spacing_mm,
-        origin,
-        mask.direction,
-        mask.case_id,
-        mask.warnings,
-    )
-
-
-def _with_voxels(mask: Mask, voxels: np.ndarray) -> Mask:
-    return Mask(
-        voxels, mask.spacing_mm, mask.origin_mm, mask.direction, mask.case_id, mask.warnings
-    )
+    return replace(mask, voxels=np.ascontiguousarray(voxels), origin_mm=origin)
