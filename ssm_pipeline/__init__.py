@@ -1,0 +1,16 @@
+"""From CT or MR segmentation masks to a statistical shape model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["load_run"]
+
+
+def __getattr__(name: str) -> Any:
+    """`load_run`, imported when first asked for: importing the package stays instant."""
+    if name == "load_run":
+        from ssm_pipeline.pipeline.run import load_run
+
+        return load_run
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,10 +9,14 @@ import yaml
 from pydantic import Field
 
 from data_prep.phantoms import PhantomSettings
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.baselines.s3m.settings import S3MSettings
+from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.spectral.settings import SpectralSettings
+from ssm_pipeline.training.settings import TrainingSettings
 
 
 class Luna16Data(Settings):
@@ -49,6 +53,24 @@ class PhantomData(PhantomSettings):
 DataSettings = Annotated[Luna16Data | MaskFolderData | PhantomData, Field(discriminator="source")]
 
 
+Method = Literal[
+    "full", "no-adaptation", "spectral", "adaptation only", "nearest point", "S3M", "S3M tuned"
+]
+
+
+class ComparisonSettings(Settings):
+    """Methods scored on the same meshes with the same settings, beside the full one."""
+
+    methods: tuple[Method, ...] = (
+        "no-adaptation",
+        "spectral",
+        "adaptation only",
+        "nearest point",
+        "S3M",
+    )
+    s3m: S3MSettings = S3MSettings()
+
+
 class ShapeModelSettings(Settings):
     with_scale: bool = False  # alignment also removes size; False keeps it as a mode
 
@@ -61,7 +83,12 @@ class StudySettings(Settings):
     data: DataSettings
     meshing: MeshingSettings = MeshingSettings()
     spectral: SpectralSettings = SpectralSettings()
+    training: TrainingSettings = TrainingSettings()
+    adaptation: AdaptationSettings = AdaptationSettings()
+    template: str | None = None  # case id; None: the case of smallest mean loss to the others
     shape_model: ShapeModelSettings = ShapeModelSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+    comparison: ComparisonSettings = ComparisonSettings()
     report: ReportSettings = ReportSettings()
 
     def to_yaml(self) -> str:

@@ -88,6 +88,10 @@ class StageContext:
     done: Mapping[str, StageRecord]
     case_keys: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def seed(self) -> int:
+        return self.settings.seed
+
     def folder(self, stage: str | None = None) -> Path:
         return self.run_folder / (stage or self.name)
 
@@ -97,6 +101,10 @@ class StageContext:
     def case_key(self, case_id: str, *parts: Any) -> str:
         """Key of this stage's results for a case: its results so far, and `parts`."""
         return key_of(self.name, self.case_keys[case_id], *parts)
+
+    def key_of(self, *parts: Any) -> str:
+        """Key of a result that rests on all cases as they are, and on `parts`."""
+        return key_of(self.name, dict(self.case_keys), *parts)
 
     def map_cases(
         self, tasks: Sequence[CaseTask], jobs: int | None = None, folder: Path | None = None

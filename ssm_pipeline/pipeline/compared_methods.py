@@ -1,0 +1,92 @@
+"""The corresponded shapes of each method that a study compares, up to date."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from ssm_pipeline import storage
+from ssm_pipeline.baselines.s3m.settings import S3MSettings
+from ssm_pipeline.pipeline.case_work import correspond_case
+from ssm_pipeline.pipeline.per_case import CaseTask, Row
+from ssm_pipeline.pipeline.run import Run
+from ssm_pipeline.pipeline.settings import Method
+from ssm_pipeline.pipeline.stage import StageContext
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
+
+FULL: Method = "full"
+
+
+def method_folder(context: StageContext, method: str) -> Path:
+    return context.folder() / method.replace(" ", "-")
+
+
+def corresponded_shapes(
+    context: StageContext, run: Run, method: Method, meshes: Sequence[Mesh]
+) -> CorrespondedShapes:
+    """Each case in its own millimetres. Raises CaseError for a case the method can't do."""
+    if method == FULL:
+        return run.shapes
+    if method == "S3M" or method == "S3M tuned":
+        settings = context.settings.comparison.s3m
+        return _by_s3m(context, method, settings if method == "S3M" else settings.tuned(), meshes)
+    from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
+    from ssm_pipeline.shape_model.correspondence import collect
+
+    matcher = None if method in WITHOUT_NETWORK else context.folder("training") / "matcher.pt"
+    folder = method_folder(context, method)
+    rests_on = (method, run.template_id, context.settings.adaptation)
+    results = context.map_cases(
+        [
+            CaseTask(
+                case_id,
+                context.case_key(case_id, *rests_on),
+                partial(
+                    correspond_case,
+                    context.case_file("spectral", run.template_id, "basis.npz"),
+                    context.case_file("spectral", case_id, "basis.npz"),
+                    matcher,
+                    context.settings.adaptation,
+                    method,
+                    False,
+                ),
+            )
+            for case_id in context.case_keys
+        ],
+        folder=folder,
+    )
+    for result in results:
+        if result.dropped is not None:
+            raise CaseError(result.case_id, result.dropped)
+    matches = [
+        storage.load(Correspondence, folder / case_id / "correspondence.npz")
+        for case_id in context.case_keys
+    ]
+    return collect(run.mesh(run.template_id), matches, meshes)
+
+
+def _by_s3m(
+    context: StageContext, method: str, settings: S3MSettings, meshes: Sequence[Mesh]
+) -> CorrespondedShapes:
+    folder = method_folder(context, method)
+
+    def work(folder: Path) -> Row:
+        import torch
+
+        from ssm_pipeline.baselines.s3m.s3m import run_s3m
+
+        def on_progress(phase: str, done: int, of: int) -> None:
+            if done == of:
+                context.terminal.say(f"      {method}: {phase}, {done} done")
+
+        device = torch.device(context.device)
+        result = run_s3m(meshes, settings, context.seed, device, on_progress)
+        storage.save(result.points, folder / "points.npz")
+        return {"template_id": result.template_id}
+
+    task = CaseTask("shapes", context.key_of(method, settings, context.seed), work)
+    (result,) = context.map_cases([task], jobs=1, folder=folder)
+    if result.dropped is not None:
+        raise CaseError("in the comparison", result.dropped)
+    return storage.load(CorrespondedShapes, folder / "shapes" / "points.npz")

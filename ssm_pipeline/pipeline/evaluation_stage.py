@@ -1,0 +1,117 @@
+"""Score the shape model, and those of the methods it is compared with, on the same meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.pipeline.compared_methods import FULL, corresponded_shapes, method_folder
+from ssm_pipeline.pipeline.per_case import CaseTask, Row
+from ssm_pipeline.pipeline.run import Run
+from ssm_pipeline.pipeline.settings import StudySettings
+from ssm_pipeline.pipeline.stage import Outcome, StageContext
+from ssm_pipeline.records import CaseError, Cohort, CorrespondedShapes, Mesh, Metrics
+
+TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
+
+
+def evaluate_methods(context: StageContext) -> Outcome:
+    """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
+    from ssm_pipeline.evaluation.comparison import compare
+
+    run, settings = Run(context.run_folder), _with_equal_points(context.settings)
+    meshes = [run.mesh(case_id) for case_id in context.case_keys]
+    scores: dict[str, Metrics] = {}
+    for method in (FULL, *(method for method in settings.comparison.methods if method != FULL)):
+        try:
+            shapes = corresponded_shapes(context, run, method, meshes)
+        except CaseError as error:  # a comparison that can't be made does not end the study
+            context.terminal.say(f"      {method} left out: {error}")
+            continue
+        own = settings.comparison.s3m if method.startswith("S3M") else settings.adaptation
+        scores[method] = _scores(context, run, method, settings, own, shapes, meshes)
+    if context.cohort.truth is not None:
+        from ssm_pipeline.evaluation.phantom_truth import true_correspondence
+
+        template = run.mesh(run.template_id)
+        shapes = true_correspondence(template, context.cohort.truth, tuple(context.case_keys))
+        scores[TRUTH] = _scores(context, run, TRUTH, settings, None, shapes, meshes)
+    names = {name for metrics in scores.values() for name in metrics.tables}
+    tables = {
+        name: pd.concat(
+            [metrics.tables[name] for metrics in scores.values() if name in metrics.tables],
+            ignore_index=True,
+        )
+        for name in sorted(names)
+    }
+    baseline = "S3M" if "S3M" in scores else FULL
+    generator = np.random.default_rng(context.seed)
+    draws = settings.evaluation.bootstrap_draws
+    tables["comparison"] = compare(scores, baseline, draws, generator)
+    storage.save_tables(Metrics(tables), context.folder())
+    return Outcome(context.case_keys, note=f"{len(scores)} methods")
+
+
+def _with_equal_points(settings: StudySettings) -> StudySettings:
+    """S3M gives clouds of so many points; every method is scored with as many, or no more.
+
+    Chamfer distances grow as points get fewer, so unlike numbers would favour one of the methods.
+    """
+    if not any(method.startswith("S3M") for method in settings.comparison.methods):
+        return settings
+    points = min(settings.evaluation.points, settings.comparison.s3m.points)
+    return settings.model_copy(
+        update={"evaluation": settings.evaluation.model_copy(update={"points": points})}
+    )
+
+
+def _scores(
+    context: StageContext,
+    run: Run,
+    method: str,
+    settings: StudySettings,
+    own_settings: Any,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+) -> Metrics:
+    """A method's tables, from its folder if they are up to date. Raises CaseError."""
+    folder = method_folder(context, method)
+    rests_on = (own_settings, run.template_id, settings.evaluation, settings.shape_model)
+    key = context.key_of(method, rests_on, settings.seed)
+    work = partial(_write_scores, method, shapes, run, meshes, settings, context.cohort)
+    (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
+    if result.dropped is not None:
+        raise CaseError(method, result.dropped)
+    return storage.load_tables(folder / "scores")
+
+
+def _write_scores(
+    method: str,
+    shapes: CorrespondedShapes,
+    run: Run,
+    meshes: Sequence[Mesh],
+    settings: StudySettings,
+    cohort: Cohort,
+    folder: Path,
+) -> Row:
+    """The tables of `evaluate_method`; of a synthetic cohort also the errors against the truth."""
+    from ssm_pipeline.evaluation.evaluate import evaluate_method
+
+    scale = settings.shape_model.with_scale
+    metrics = evaluate_method(
+        method, shapes, meshes, settings.evaluation, settings.seed, with_scale=scale
+    )
+    storage.save_tables(metrics, folder)
+    if cohort.truth is not None and len(shapes.faces):
+        from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
+
+        errors = correspondence_errors(shapes, run.mesh(run.template_id), cohort.truth)
+        errors.insert(0, "method", method)
+        storage.save_tables(Metrics({"truth": errors}), folder)
+    return {}

@@ -1,0 +1,216 @@
+"""The runner on toy stages: cached, continued after a kill, cases dropped, folders kept apart."""
+
+from __future__ import annotations
+
+import io
+import json
+import multiprocessing
+import os
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from rich.console import Console
+from toy_study import find_toys, toy_settings, toy_stages, write_masks
+
+from ssm_pipeline.pipeline.per_case import CaseFailure
+from ssm_pipeline.pipeline.runner import RunOptions, run_study
+from ssm_pipeline.pipeline.terminal import Terminal
+from ssm_pipeline.records import StudyError
+
+GOOD = {"a": "1", "b": "2", "c": "3", "d": "4"}
+
+
+class Bench:
+    """Runs the toy study in a folder of its own and keeps what it said."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.masks, self.diary = folder, folder / "masks", folder / "diary.txt"
+
+    def run(self, name: str = "toy", jobs: int = 1, **settings: int) -> str:
+        self.diary.write_text("")
+        out = io.StringIO()
+        terminal = Terminal(Console(file=out, soft_wrap=True, markup=False, highlight=False))
+        run_study(
+            name,
+            toy_settings(self.masks, **settings),
+            RunOptions(self.folder / "runs", jobs=jobs),
+            terminal,
+            toy_stages(self.diary),
+            find_toys,
+        )
+        return out.getvalue()
+
+    @property
+    def worked_on(self) -> list[str]:
+        return self.diary.read_text().split()
+
+    @property
+    def sum(self) -> str:
+        return (self.folder / "runs" / "toy" / "sum" / "sum.txt").read_text()
+
+    def stage_json(self, stage: str) -> dict:
+        return json.loads((self.folder / "runs" / "toy" / stage / "stage.json").read_text())
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    write_masks(tmp_path / "masks", GOOD)
+    return Bench(tmp_path)
+
+
+def test_a_run_says_a_line_a_stage_and_leaves_its_record(bench: Bench):
+    said = bench.run()
+    assert bench.sum == "20"
+    assert [line.split()[:2] for line in said.splitlines()] == [
+        ["[1/3]", "data"],
+        ["[2/3]", "double"],
+        ["[3/3]", "sum"],
+    ]
+    record = bench.stage_json("double")
+    assert record["settings"]["faces"] == 1000
+    assert record["cases_out"] == ["a", "b", "c", "d"]
+    assert record["inputs"] == {"data": bench.stage_json("data")["key"]}
+    assert record["peak_memory_mb"] > 10
+    assert record["versions"]["numpy"]
+    table = pd.read_csv(bench.folder / "runs/toy/double/doubled.csv")
+    assert list(table["doubled"]) == [2, 4, 6, 8]
+
+
+def test_a_second_run_does_nothing_and_says_so(bench: Bench):
+    bench.run()
+    before = bench.stage_json("sum")
+    said = bench.run()
+    assert bench.worked_on == []
+    assert "nothing to do" in said
+    assert bench.stage_json("sum") == before
+
+
+def test_only_what_depends_on_a_change_is_done_again(bench: Bench):
+    bench.run()
+    assert "up to date" in bench.run(seed=1)  # only `sum` has the seed among its settings
+    assert bench.worked_on == []
+    bench.run(seed=1, faces=500)
+    assert bench.worked_on == ["a", "b", "c", "d"]
+    write_masks(bench.masks, {"b": "20"})
+    bench.run(seed=1, faces=500)
+    assert bench.worked_on == ["b"]
+    assert bench.sum == "56"
+    write_masks(bench.masks, {"e": "5"})
+    bench.run(seed=1, faces=500)
+    assert bench.worked_on == ["e"]
+    assert bench.sum == "66"
+
+
+def test_a_touched_or_moved_file_of_the_same_content_is_no_change(bench: Bench):
+    bench.run()
+    os.utime(bench.masks / "a.txt", (0, 0))
+    bench.masks = bench.masks.rename(bench.folder / "moved")
+    assert "nothing to do" in bench.run()
+
+
+def test_processes_give_what_one_process_gives(bench: Bench, tmp_path: Path):
+    bench.run(jobs=2)
+    assert sorted(bench.worked_on) == ["a", "b", "c", "d"]
+    assert bench.sum == "20"
+    assert bench.stage_json("double")["cases_out"] == ["a", "b", "c", "d"]  # in order, always
+
+
+def test_a_bad_case_is_dropped_with_its_reason_and_not_tried_again(bench: Bench):
+    write_masks(bench.masks, {"b": "bad"})
+    said = bench.run()
+    assert "3 of 4 cases" in said
+    assert "      dropped b: no number found; a number is needed." in said.splitlines()
+    assert bench.sum == "16"
+    assert bench.stage_json("double")["dropped"] == [
+        {"case_id": "b", "stage": "double", "reason": "no number found; a number is needed."}
+    ]
+    assert "dropped b" in bench.run()
+    assert bench.worked_on == []
+
+
+def test_fewer_than_three_cases_end_the_run_with_every_reason(bench: Bench):
+    write_masks(bench.masks, {"b": "bad", "c": "bad"})
+    with pytest.raises(StudyError, match=r"2 usable cases(?s:.)*b \(double\): no number"):
+        bench.run()
+    write_masks(bench.masks, {"c": "3"})
+    bench.run()
+    assert bench.worked_on == ["c"]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_bug_names_the_case_and_leaves_the_rest_finished(bench: Bench, jobs: int):
+    write_masks(bench.masks, {"d": "bug"})
+    with pytest.raises(CaseFailure, match=r"case d: ValueError.*bug") as failure:
+        bench.run(jobs=jobs)
+    assert "int(text)" in failure.value.worker_traceback
+    write_masks(bench.masks, {"d": "4"})
+    bench.run(jobs=1)
+    assert "d" in bench.worked_on
+    assert bench.sum == "20"
+    if jobs == 1:
+        assert bench.worked_on == ["d"]
+
+
+def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench):
+    write_masks(bench.masks, {"c": "kill"})  # the toy turns it into 7 before it dies
+    process = multiprocessing.get_context("fork").Process(target=bench.run)
+    process.start()
+    process.join(60)
+    assert process.exitcode == -9
+    assert bench.worked_on == ["a", "b", "c"]
+    bench.run()
+    assert bench.worked_on == ["c", "d"]
+    assert bench.sum == "28"
+
+
+def test_a_half_written_stage_record_can_not_exist(bench: Bench, monkeypatch: pytest.MonkeyPatch):
+    bench.run()
+    before = bench.stage_json("sum")
+
+    def full_disk(self: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", full_disk)
+        with pytest.raises(OSError, match="No space left"):
+            bench.run(seed=5)
+    assert bench.stage_json("sum") == before
+    assert not list((bench.folder / "runs/toy").rglob(".*json*"))  # no leftovers
+    bench.run(seed=5)
+    assert bench.stage_json("sum")["key"] != before["key"]
+
+
+def test_a_folder_of_other_masks_is_refused(bench: Bench):
+    bench.run()
+    other = Bench(bench.folder)
+    other.masks = bench.folder / "other"
+    write_masks(other.masks, {"x": "10", "y": "20", "z": "30"})
+    with pytest.raises(StudyError, match=r"toy holds results of .*masks; this run is on .*other"):
+        other.run()
+    assert bench.sum == "20"
+
+
+def test_a_folder_that_is_no_run_is_refused(bench: Bench):
+    precious = bench.folder / "runs" / "toy" / "thesis.txt"
+    precious.parent.mkdir(parents=True)
+    precious.write_text("mine")
+    with pytest.raises(StudyError, match=r"thesis\.txt"):
+        bench.run()
+    assert [path.name for path in precious.parent.iterdir()] == ["thesis.txt"]
+
+
+def test_a_renamed_run_of_another_study_is_refused(bench: Bench):
+    bench.run(name="first")
+    (bench.folder / "runs" / "first").rename(bench.folder / "runs" / "toy")
+    with pytest.raises(StudyError, match="belongs to the study first, not toy"):
+        bench.run()
+
+
+def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench):
+    from ssm_pipeline.pipeline.ownership import alone_in
+
+    with alone_in(bench.folder / "runs" / "toy"):
+        with pytest.raises(StudyError, match="another process is running"):
+            bench.run()
+    assert "[3/3]" in bench.run()
