@@ -27,6 +27,9 @@ def test_perfect_correspondence():
     assert row["uncovered_percent"] == 0
     assert row["distinct_percent"] == 100
     assert row["round_trip_mm"] == 0
+    edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
+    mean_edge = np.linalg.norm(edges, axis=2).mean()
+    assert row["coverage_mm"] == pytest.approx(1.5 * mean_edge, rel=0.03)  # nearly even triangles
 
 
 def test_offset_surface_is_measured_in_mm():

@@ -107,6 +107,17 @@ def test_the_floor_variance_of_one_mode_by_hand():
     assert table["angle_degrees"].item() < 0.5
 
 
+def test_rigid_motion_within_the_true_modes_does_not_count():
+    # A mode that also moves the whole organ: alignment takes that part away, and so must we.
+    truth = phantom((2.0,))
+    template = template_of(truth)
+    drift = np.array([3.0, 0, 0]) + 0.02 * np.cross([0, 0, 1.0], truth.mean)
+    drifting = dataclasses.replace(truth, modes=truth.modes + drift)
+    model = build(align(true_correspondence(template, truth, truth.case_ids))[0])
+    table = recovered_modes(model, model, template, drifting)
+    assert table["angle_degrees"].item() < 0.5
+
+
 def test_other_modes_are_missed():
     truth = phantom((2.0,))
     template = template_of(truth)

@@ -42,16 +42,21 @@ def test_sphere_matches_great_circles(sphere):
     assert (np.diag(matrix) == 0).all()
 
 
-def test_never_shorter_than_the_exact_geodesic(sphere):
+@pytest.mark.parametrize("waist", [1.0, 0.3])
+def test_never_shorter_than_the_exact_geodesic(sphere, waist):
+    # With a waist the surface has saddles: a line that leaves its strip would be too short there.
     vertices, faces = sphere
-    stretched = vertices * [1.0, 2.0, 0.4]
+    waisted = waist + (1 - waist) * vertices[:, 1:2] ** 2
+    stretched = vertices * np.concatenate([waisted, 2 * np.ones_like(waisted), 0.6 * waisted], 1)
     none = np.zeros(0, dtype=np.int64)
     everywhere = np.arange(len(vertices))
     for source in (0, 77, 400):
         exact = igl.exact_geodesic(stretched, faces, np.array([source]), none, everywhere, none)
         found = geodesics_from(stretched, faces, np.array([source]))[0]
         assert (found - exact).min() > -1e-9
-        assert ((found - exact) / np.maximum(exact, 1e-9))[exact > 0].mean() < 0.01
+        assert ((found - exact) / np.maximum(exact, 1e-9))[
+            exact > 0
+        ].mean() < 0.015  # long thin triangles
 
 
 def test_flat_neighbours_are_exact_and_far_points_close():
@@ -64,7 +69,7 @@ def test_flat_neighbours_are_exact_and_far_points_close():
     assert (np.abs(found - truth)[~near] / truth[~near]).max() < 0.03
 
 
-def test_more_strips_are_never_worse(sphere):
+def test_more_strips_see_more_vertices(sphere):
     vertices, faces = sphere
     degrees = [straight_line_graph(vertices, faces, strips).nnz for strips in (0, 2, 4)]
     assert degrees[0] == 2 * len(
