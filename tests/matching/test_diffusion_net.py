@@ -1,0 +1,69 @@
+import dataclasses
+
+import numpy as np
+import torch
+from shapes import basis_of, blob
+
+from ssm_pipeline.matching.diffusion_net import FeatureNetwork
+from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.matching.shape import to_shape
+from ssm_pipeline.matching.spectral_loss import pair_maps, spectral_loss
+from ssm_pipeline.matching.settings import SpectralLossWeights
+from ssm_pipeline.records import Mesh
+
+SETTINGS = MatchingSettings(descriptors=16, channels=24, width=12, blocks=2)
+
+
+def network(settings=SETTINGS):
+    torch.manual_seed(0)
+    return FeatureNetwork(settings).double()
+
+
+def test_features_follow_renumbering_rotation_and_size():
+    mesh = blob(1)
+    generator = np.random.default_rng(0)
+    order = generator.permutation(len(mesh.vertices))
+    turn = np.linalg.qr(generator.standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    moved = Mesh(3 * mesh.vertices[order] @ turn.T, np.argsort(order)[mesh.faces], "moved")
+    a, b = (to_shape(basis_of(m), SETTINGS, dtype=torch.float64) for m in (mesh, moved))
+    net = network()
+    # The tangent frames and eigenvector signs differ between the two: neither may matter.
+    torch.testing.assert_close(net(a)[order], net(b), rtol=1e-4, atol=1e-4)
+
+
+def test_sparse_gradients_pass_the_gradient_back():
+    shape = to_shape(basis_of(blob(1, faces=300), 10), SETTINGS, dtype=torch.float64)
+    x = torch.randn(len(shape.vertices), 3, dtype=torch.float64, requires_grad=True)
+    dense = shape.gradients.forward_csr.to_dense()
+    torch.testing.assert_close(shape.gradients @ x, dense @ x)
+    (shape.gradients @ x).sin().sum().backward()
+    torch.testing.assert_close(x.grad, dense.T @ (dense @ x.detach()).cos())
+
+
+def test_every_weight_gets_a_gradient_from_the_spectral_loss():
+    x, y = (to_shape(basis_of(blob(i)), SETTINGS, dtype=torch.float64) for i in (1, 2))
+    net = network()
+    terms = spectral_loss(pair_maps(x, y, net(x), net(y), SETTINGS), SpectralLossWeights())
+    torch.stack(list(terms.values())).sum().backward()
+    for name, parameter in net.named_parameters():
+        # A shift of all features changes soft and functional map alike: it does get one too.
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().max() > 0, name
+
+
+def test_an_identical_pair_with_sharp_features_has_no_loss():
+    shape = to_shape(basis_of(blob(1)), SETTINGS, dtype=torch.float64)
+    features = torch.eye(len(shape.vertices), dtype=torch.float64)
+    sharp = SETTINGS.model_copy(update={"temperature": 0.01})
+    maps = pair_maps(shape, shape, features, features, sharp)
+    for name, term in spectral_loss(maps, SpectralLossWeights()).items():
+        assert term < 1e-6, name
+
+
+def test_coordinates_can_be_read_too():
+    settings = SETTINGS.model_copy(update={"features": "xyz+wks"})
+    shape = to_shape(basis_of(blob(1)), settings)
+    assert shape.inputs.shape[1] == 19
+    assert torch.isfinite(FeatureNetwork(settings)(shape)).all()
+    assert dataclasses.is_dataclass(shape)

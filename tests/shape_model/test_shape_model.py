@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from shapes import blob
+
+from ssm_pipeline.records import CorrespondedShapes, StudyError
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.pca import build
+
+
+def hand_made(count=40, seed=0):
+    """A mean and two known orthonormal modes with known scores."""
+    mesh = blob(1, faces=200)
+    generator = np.random.default_rng(seed)
+    flat = np.linalg.qr(generator.standard_normal((mesh.vertices.size, 2)))[0].T
+    scores = generator.standard_normal((count, 2))
+    scores -= scores.mean(axis=0)
+    scores = np.linalg.qr(scores)[0] * np.sqrt(count - 1)  # exactly uncorrelated, variance 1
+    data = mesh.vertices.ravel() + scores * [9.0, 4.0] @ flat
+    shapes = CorrespondedShapes(
+        data.reshape(count, -1, 3), mesh.faces, tuple(f"c{i}" for i in range(count)), "c0"
+    )
+    return shapes, mesh.vertices, flat.reshape(2, -1, 3), scores
+
+
+def test_pca_finds_a_hand_made_model():
+    shapes, mean, modes, scores = hand_made()
+    model = build(shapes)
+    assert model.mode_count == 2
+    np.testing.assert_allclose(model.variances, [81.0, 16.0])
+    np.testing.assert_allclose(model.mean, mean, atol=1e-9)
+    for m in range(2):
+        sign = np.sign((model.modes[m] * modes[m]).sum())
+        np.testing.assert_allclose(sign * model.modes[m], modes[m], atol=1e-9)
+        np.testing.assert_allclose(sign * model.scores[:, m], scores[:, m], atol=1e-9)
+    np.testing.assert_allclose(model.compactness, [81 / 97, 1.0])
+    assert (model.modes_for(0.8), model.modes_for(0.9)) == (1, 2)
+
+
+def test_all_modes_reconstruct_every_case():
+    generator = np.random.default_rng(1)
+    points = generator.standard_normal((6, 30, 3))
+    shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdef"), "a")
+    model = build(shapes)
+    assert model.mode_count == 5
+    np.testing.assert_allclose(model.reconstruct(model.scores), points, atol=1e-9)
+    np.testing.assert_allclose(model.project(points), model.scores, atol=1e-9)
+    flat = model.modes.reshape(5, -1)
+    np.testing.assert_allclose(flat @ flat.T, np.eye(5), atol=1e-12)
+    assert np.all(np.diff(model.variances) <= 0)
+
+
+def test_variances_are_those_of_the_covariance():
+    points = np.random.default_rng(2).standard_normal((7, 4, 3))
+    shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdefg"), "a")
+    values = np.linalg.eigvalsh(np.cov(points.reshape(7, -1).T))[::-1]
+    np.testing.assert_allclose(build(shapes).variances, values[:6])
+
+
+def test_samples_have_the_models_variance():
+    model = build(hand_made()[0])
+    draws = model.project(model.sample(4000, np.random.default_rng(0)))
+    # Standard error of a variance of 4000 draws: √(2/4000) = 2.2 %; four of them allowed.
+    np.testing.assert_allclose(draws.var(axis=0), 1, atol=0.09)
+    np.testing.assert_allclose(model.truncate(1).reconstruct([2.0]), model.reconstruct([2.0, 0]))
+
+
+def test_bad_sizes_say_what_was_needed():
+    model = build(hand_made()[0])
+    with pytest.raises(ValueError, match="3 scores given; the model has 2 modes"):
+        model.reconstruct([1, 2, 3])
+    with pytest.raises(ValueError, match="in correspondence with the model's mean"):
+        model.project(np.zeros((5, 3)))
+    with pytest.raises(ValueError, match="3 modes asked of a model with 2"):
+        model.truncate(3)
+    shapes = hand_made()[0]
+    two = CorrespondedShapes(shapes.vertices[:2], shapes.faces, ("c0", "c1"), "c0")
+    with pytest.raises(StudyError, match="at least 3 usable cases; 2 found"):
+        build(two)
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+def test_alignment_undoes_any_pose(with_scale):
+    mesh = blob(1, faces=200)
+    generator = np.random.default_rng(0)
+    moved = []
+    for turn in Rotation.random(5, random_state=1).as_matrix():
+        scale = generator.uniform(0.7, 1.4) if with_scale else 1.0
+        moved.append(scale * mesh.vertices @ turn.T + 50 * generator.standard_normal(3))
+    shapes = CorrespondedShapes(np.stack(moved), mesh.faces, tuple("abcde"), "a")
+    aligned, frames = align(shapes, with_scale)
+    np.testing.assert_allclose(aligned.vertices, aligned.vertices[:1].repeat(5, 0), atol=1e-6)
+    np.testing.assert_allclose(frames[3].apply(moved[3]), aligned.vertices[3], atol=1e-9)
+    if not with_scale:
+        # Up stays up: the result is the template itself, centred.
+        np.testing.assert_allclose(aligned.vertices[0], moved[0] - moved[0].mean(0), atol=1e-6)
+
+
+def test_alignment_keeps_what_is_not_pose():
+    shapes, *_ = hand_made()
+    aligned, _ = align(shapes)
+    assert build(aligned).variances[0] > 30
