@@ -50,12 +50,21 @@ def mode_figure(model: ShapeModel, settings: FigureSettings = _PLAIN) -> Figure:
             _show(axes[1, mode + 1], plus, "")
         for row, sign in enumerate("−+"):
             axes[row, 1].text(
-                -0.04, 0.5, f"{sign}{settings.deviations:g} SD", rotation=90, va="center",
-                ha="right", transform=axes[row, 1].transAxes,
+                -0.04,
+                0.5,
+                f"{sign}{settings.deviations:g} SD",
+                rotation=90,
+                va="center",
+                ha="right",
+                transform=axes[row, 1].transAxes,
             )
         bar = figure.colorbar(
             ScalarMappable(Normalize(-range_mm, range_mm), "RdBu_r"),
-            ax=axes[1, 0], location="bottom", fraction=0.12, aspect=12, anchor=(0.5, 1.0),
+            ax=axes[1, 0],
+            location="bottom",
+            fraction=0.12,
+            aspect=12,
+            anchor=(0.5, 1.0),
         )
         bar.set_label("displacement along\nthe normal (mm)")
     return figure
@@ -72,7 +81,12 @@ def interpolation_strip(path: ShapePath, settings: FigureSettings = _PLAIN) -> F
             for axis, image, time in zip(axes[row], images, times, strict=True):
                 _show(axis, image, f"t = {time:.2g}" if row == 0 else "")
             axes[row, 0].text(
-                -0.04, 0.5, label, rotation=90, va="center", ha="right",
+                -0.04,
+                0.5,
+                label,
+                rotation=90,
+                va="center",
+                ha="right",
                 transform=axes[row, 0].transAxes,
             )
     return figure
@@ -91,7 +105,10 @@ def correspondence_figure(content: ReportContent, settings: FigureSettings = _PL
         figure, axes = _image_grid(-(-len(shapes) // columns), columns, settings)
         scenes = patterned_scenes(shapes, content.aligned.faces, template)
         images = render(scenes, _pixels(settings, columns))
-        titles = ["template", *(f"{case}\n{table.loc[case, 'surface_mm']:.2f} mm" for case in shown)]
+        titles = [
+            "template",
+            *(f"{case}\n{table.loc[case, 'surface_mm']:.2f} mm" for case in shown),
+        ]
         for axis in axes.flat:
             axis.axis("off")
         for axis, image, title in zip(axes.flat, images, titles, strict=False):

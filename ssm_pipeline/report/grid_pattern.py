@@ -7,19 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ssm_pipeline.report.rendering import Scene, vertex_normals
+from ssm_pipeline.report.rounding import round_up
 
 _LINE = np.array([40, 44, 52])
 
 
 def grid_spacing_mm(template: np.ndarray) -> float:
     """A round distance between grid planes: about twelve along the template's longest side."""
-    return nice_number(float(np.ptp(template, axis=0).max()) / 15)
-
-
-def nice_number(value: float) -> float:
-    """1, 2 or 5 times a power of ten, nearest above `value`."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(next(n * power for n in (1, 2, 5, 10) if n * power >= value * (1 - 1e-9)))
+    return round_up(float(np.ptp(template, axis=0).max()) / 15)
 
 
 def pattern_colours(
@@ -69,12 +64,14 @@ def patterned_scenes(
 
 def _subdivided_triangle(steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Barycentric weights (K, 3) of a triangle's regular subdivision, and its triangles (S, 3)."""
-    number = {}
+    number: dict[tuple[int, int], int] = {}
     for i in range(steps + 1):
         for j in range(steps + 1 - i):
             number[i, j] = len(number)
     weights = np.array([[steps - i - j, i, j] for i, j in number], dtype=np.float64) / steps
-    triangles = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < steps]
+    triangles = [
+        (number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in number if i + j < steps
+    ]
     triangles += [
         (number[i + 1, j], number[i + 1, j + 1], number[i, j + 1])
         for i, j in number

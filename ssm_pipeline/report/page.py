@@ -26,9 +26,7 @@ from ssm_pipeline.report.tables import ReadableTable, flattened, readable
 VIEWER = Path(__file__).parent / "viewer"
 
 
-def write_page(
-    content: ReportContent, path: Path, settings: ReportSettings | None = None
-) -> None:
+def write_page(content: ReportContent, path: Path, settings: ReportSettings | None = None) -> None:
     """Write the report page to `path` (.html), whole or not at all."""
     storage.write_text(path, page_html(content, settings or ReportSettings()))
 
@@ -72,8 +70,10 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         ("Cases in the model", str(len(model.case_ids))),
         ("Cases left out", str(dropped)),
         ("Modes of variation", str(model.mode_count)),
-        ("Modes for 90 / 95 / 99 % of the variance",
-         " / ".join(str(model.modes_for(share)) for share in (0.9, 0.95, 0.99))),
+        (
+            "Modes for 90 / 95 / 99 % of the variance",
+            " / ".join(str(model.modes_for(share)) for share in (0.9, 0.95, 0.99)),
+        ),
         ("Volume of the mean shape", f"{volume_ml:.4g} ml"),
         ("Vertices per shape", str(len(model.mean))),
         ("Template", content.aligned.template_id),
@@ -85,9 +85,12 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
     model, figures, size = content.model, settings.figures, settings.tile_px
     count = min(figures.modes, model.mode_count)
     range_mm = mode_range_mm(model, count, figures.deviations)
-    modes = [_data_address(image) for image in render(
-        mode_scenes(model, count, figures.deviations), size, value_range=range_mm
-    )]
+    modes = [
+        _data_address(image)
+        for image in render(
+            mode_scenes(model, count, figures.deviations), size, value_range=range_mm
+        )
+    ]
     mean = Scene(model.mean, model.faces)
     share = 100 * model.variances / model.variances.sum()
     pictures: dict[str, Any] = {
@@ -102,6 +105,7 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
         "mode_mean": modes[0],
         "deviations": f"{figures.deviations:g}",
         "range_mm": f"{range_mm:g}",
+        "strip": [],
     }
     if content.paths:
         path = content.paths[0]
@@ -121,9 +125,19 @@ def _data_address(image: np.ndarray) -> str:
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def _tables(content: ReportContent) -> dict[str, ReadableTable]:
-    tables = {
-        "cohort": readable(content.cohort),
+def _tables(content: ReportContent) -> dict[str, ReadableTable | None]:
+    """Every table of the page; None where the run made none."""
+    cohort = content.cohort
+    if "dropped" in cohort:  # what is missing comes first, not below the fold
+        cohort = cohort.fillna({"dropped": ""}).sort_values(
+            "dropped", key=lambda reason: reason == "", kind="stable"
+        )
+    tables: dict[str, ReadableTable | None] = {
+        "stages": None,
+        "comparison": None,
+        "generalisation": None,
+        "specificity": None,
+        "cohort": readable(cohort),
         "correspondence": readable(
             content.correspondence.sort_values("surface_mm", ascending=False)
         ),

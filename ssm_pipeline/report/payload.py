@@ -51,7 +51,7 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
         "isSynthetic": content.is_synthetic,
         "share": (model.variances / model.variances.sum()).tolist(),
         "sliderRange": settings.slider_range,
-        "colourRangeMm": mode_range_mm(model, modes, settings.slider_range),
+        "colourRangeMm": mode_range_mm(model, modes, settings.figures.deviations),
         "cases": cases,
         "paths": paths,
         "template": {

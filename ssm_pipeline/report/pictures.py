@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ssm_pipeline.records import ShapePath
-from ssm_pipeline.report.grid_pattern import nice_number
 from ssm_pipeline.report.rendering import Scene, vertex_normals
+from ssm_pipeline.report.rounding import FINE, round_up
 from ssm_pipeline.shape_model.model import ShapeModel
 
 
@@ -21,7 +21,7 @@ def mode_range_mm(model: ShapeModel, count: int, deviations: float) -> float:
     normals = vertex_normals(model.mean, model.faces)
     along = np.einsum("mvd,vd->mv", model.modes[:count], normals)
     largest = np.percentile(np.abs(along), 99, axis=1) * model.standard_deviations[:count]
-    return nice_number(max(float(largest.max()) * deviations, 1e-3))
+    return round_up(max(float(largest.max()) * deviations, 1e-3), FINE)
 
 
 def mode_scenes(model: ShapeModel, count: int, deviations: float) -> list[Scene]:

@@ -36,7 +36,6 @@ def render(
     size_px: int,
     view: tuple[tuple[float, ...], tuple[float, ...]] = OBLIQUE,
     value_range: float = 1.0,
-    colour_map: str = "RdBu_r",
 ) -> list[np.ndarray]:
     """(H, W, 4) uint8 images on a transparent ground, all at one scale, cropped to what they show.
 
@@ -51,21 +50,26 @@ def render(
     images = []
     # Without a display VTK tries X first and says so on stderr for every window.
     with pv.vtk_verbosity("off"):
-        plotter = pv.Plotter(off_screen=True, window_size=[size_px, size_px])
+        plotter = pv.Plotter(off_screen=True, window_size=[size_px, size_px], lighting="none")
         try:
-            plotter.enable_anti_aliasing("ssaa")
+            plotter.enable_anti_aliasing("ssaa")  # type: ignore[call-arg]
             plotter.enable_parallel_projection()
+            plotter.add_light(pv.Light(light_type="headlight", intensity=0.62))
+            # From above left of the viewer: shading shows dents that a headlight alone hides.
+            lamp = pv.Light(position=(-0.6, 0.8, 1.0), light_type="camera light", intensity=0.42)
+            plotter.add_light(lamp)
             for scene, centre in zip(scenes, centres, strict=True):
                 actor = plotter.add_mesh(
                     _surface(scene, centre),
                     scalars=None if scene.values is None and scene.colours is None else "paint",
                     rgb=scene.colours is not None,
                     color=BONE,
-                    cmap=colour_map,
+                    cmap="RdBu_r",
                     clim=(-value_range, value_range),
                     show_scalar_bar=False,
                     smooth_shading=False,  # our own normals: no vertex is split
                     specular=0.1,
+                    render=False,
                     ambient=0.12,
                 )
                 actor.prop.interpolation = "gouraud"
@@ -74,8 +78,9 @@ def render(
                 plotter.camera.up = tuple(up)
                 plotter.camera.parallel_scale = 1.02 * radius
                 plotter.reset_camera_clipping_range()
-                plotter.render()
-                images.append(plotter.screenshot(return_img=True, transparent_background=True))
+                plotter.render()  # a screenshot alone returns the picture before
+                image = plotter.screenshot(return_img=True, transparent_background=True)
+                images.append(np.asarray(image))
                 plotter.remove_actor(actor, reset_camera=False, render=False)
         finally:
             plotter.close()
@@ -88,9 +93,7 @@ def _crop(images: list[np.ndarray]) -> list[np.ndarray]:
     rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
     margin = drawn.shape[0] // 50
     top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
-    return [
-        image[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1] for image in images
-    ]
+    return [image[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1] for image in images]
 
 
 def _surface(scene: Scene, centre: np.ndarray) -> pv.PolyData:

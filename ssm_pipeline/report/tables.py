@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 _UNITS = {
@@ -28,6 +29,8 @@ _WORDS = {
     "surface": "surface distance",
     "correspondence": "corresponding-point distance",
     "min": "smallest",
+    "dropped": "left out because",
+    "cases_in": "cases in",
 }
 
 
@@ -53,25 +56,52 @@ def heading(column: str) -> str:
 
 
 def readable(table: pd.DataFrame) -> ReadableTable:
+    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error"."""
+    errors = {name: partner for name in table if (partner := _error_column(str(name))) in table}
+    shown = [name for name in table if name not in errors.values()]
+    columns = []
+    for name in shown:
+        decimals = _decimals(table[name])
+        column = [text(value, decimals) for value in table[name]]
+        if name in errors:
+            column = [
+                f"{value} ± {text(error, decimals)}" if pd.notna(error) else value
+                for value, error in zip(column, table[errors[name]], strict=True)
+            ]
+        columns.append(column)
     return ReadableTable(
-        headings=tuple(heading(str(column)) for column in table.columns),
-        rows=tuple(
-            tuple(text(value) for value in row) for row in table.itertuples(index=False, name=None)
-        ),
-        is_number=tuple(pd.api.types.is_numeric_dtype(kind) for kind in table.dtypes),
+        headings=tuple(heading(str(name)) for name in shown),
+        rows=tuple(zip(*columns, strict=True)),
+        is_number=tuple(pd.api.types.is_numeric_dtype(table[name]) for name in shown),
     )
 
 
-def text(value: Any) -> str:
-    """A value for reading: three or four digits that matter, a dash for nothing."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+def text(value: Any, decimals: int = 2) -> str:
+    """A value for reading: numbers with the given decimals, a dash for what is not known."""
+    if isinstance(value, list | tuple):
+        return "; ".join(map(str, value))
+    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
         return "–"
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return str(value)
-    if float(value).is_integer():
-        return f"{value:.0f}".replace("-", "−")
-    digits = max(0, min(4, 2 - math.floor(math.log10(abs(value)))))
-    return f"{value:.{digits}f}".replace("-", "−")
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | float | np.number):
+        return f"{value:.{decimals}f}".replace("-", "−")
+    return str(value)
+
+
+def _error_column(name: str) -> str:
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}_se_{unit}"
+
+
+def _decimals(column: pd.Series) -> int:
+    """Decimals for a whole column: three digits of its middle value, none for counts."""
+    if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
+        return 2
+    known = column.dropna().abs()
+    if (known == known.round()).all():
+        return 0
+    return int(np.clip(2 - math.floor(math.log10(known[known > 0].median())), 0, 4))
 
 
 def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

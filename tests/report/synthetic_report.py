@@ -103,10 +103,20 @@ def make_content(
             }
         ),
         stages=(
-            {"name": "meshing", "seconds": 31.4, "peak_memory_mb": 812.0, "cases_in": 9,
-             "cases_out": case_count},
-            {"name": "spectral", "seconds": 12.0, "peak_memory_mb": 640.5,
-             "cases_in": case_count, "cases_out": case_count},
+            {
+                "name": "meshing",
+                "seconds": 31.4,
+                "peak_memory_mb": 812.0,
+                "cases_in": 9,
+                "cases_out": case_count,
+            },
+            {
+                "name": "spectral",
+                "seconds": 12.0,
+                "peak_memory_mb": 640.5,
+                "cases_in": case_count,
+                "cases_out": case_count,
+            },
         ),
         settings={"meshing": {"faces": 2 * vertex_count - 4, "smoothing_mm": 2.0}, "seed": seed},
         versions={"ssm-pipeline": "0.1.0", "numpy": np.__version__},
@@ -121,9 +131,12 @@ def _metrics(
     modes = np.arange(1, len(compactness) + 1)
     generalisation = [
         {
-            "method": method, "case_id": case, "modes": m,
+            "method": method,
+            "case_id": case,
+            "modes": m,
             "chamfer_mm": level + 3 / m + generator.normal(0, 0.3),
-            "surface_mm": level / 2 + 2 / m, "correspondence_mm": level + 4 / m,
+            "surface_mm": level / 2 + 2 / m,
+            "correspondence_mm": level + 4 / m,
         }
         for method, level in (("ours", 1.5), ("s3m", 2.0))
         for case in ids
@@ -131,8 +144,12 @@ def _metrics(
     ]
     specificity = [
         {
-            "method": method, "modes": m, "chamfer_mm": level + 0.1 * m,
-            "chamfer_se_mm": 0.03, "samples": 1000, "seed": 0,
+            "method": method,
+            "modes": m,
+            "chamfer_mm": level + 0.1 * m,
+            "chamfer_se_mm": 0.03,
+            "samples": 1000,
+            "seed": 0,
         }
         for method, level in (("ours", 4.0), ("s3m", 5.0))
         for m in modes
@@ -142,7 +159,10 @@ def _metrics(
         "generalisation": pd.DataFrame(generalisation),
         "specificity": pd.DataFrame(specificity),
         "comparison": pd.DataFrame(
-            {"method": ["ours", "s3m"], "generalisation_chamfer_mm": [2.1, 2.6],
-             "generalisation_chamfer_se_mm": [0.08, 0.1]}
+            {
+                "method": ["ours", "s3m"],
+                "generalisation_chamfer_mm": [2.1, 2.6],
+                "generalisation_chamfer_se_mm": [0.08, 0.1],
+            }
         ),
     }

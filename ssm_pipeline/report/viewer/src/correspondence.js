@@ -74,7 +74,7 @@ export function startCorrespondence(study, model, casesBlock) {
     canvas.setAttribute("aria-label", `Case ${c.id} with the template's grid`);
     const name = Object.assign(document.createElement("div"), { textContent: isTemplate ? `${c.id} (template)` : c.id });
     const error = Object.assign(document.createElement("span"), {
-      textContent: fit == null ? "fit not measured" : `${fit.toFixed(2)} mm · 95 % ${c.fit.hd95_mm.toFixed(2)} mm`,
+      innerHTML: fit == null ? "fit not measured" : `mean ${fit.toFixed(2)} mm<br>95 %: ${c.fit.hd95_mm.toFixed(2)} mm`,
     });
     element.append(canvas, name, error);
     return { case: c, points, centre, element, canvas, fit: fit ?? -1, group: null, visible: false };

@@ -33,7 +33,7 @@ export function startInterpolation(study) {
     path.distortion = new Float32Array(faces.length / 3);
     let radius = 0;
     for (let i = 0; i < pose.length; i += 3) radius = Math.max(radius, Math.hypot(pose[i], pose[i + 1], pose[i + 2]));
-    stage ??= createStage(stageBox, 1.15 * radius, "The interpolated shape, in 3D");
+    stage ??= createStage(stageBox, 1.05 * radius, "The interpolated shape, in 3D");
     if (shape) {
       stage.scene.remove(shape);
       shape.geometry.dispose();

@@ -20,7 +20,7 @@ export function startModes(study, model, casesBlock) {
   geometry.setAttribute("normal", new BufferAttribute(new Float32Array(meanNormals), 3));
   geometry.setAttribute("color", new BufferAttribute(new Float32Array(mean.length), 3));
   geometry.setIndex(new BufferAttribute(faces, 1));
-  const radius = 1.15 * reach(mean);
+  const radius = 1.05 * reach(mean);
   const stage = createStage($("modes-stage"), radius, "The shape for the chosen modes, in 3D");
   const shape = new Mesh(geometry, new MeshLambertMaterial({ vertexColors: true, side: DoubleSide }));
   shape.frustumCulled = false;
@@ -29,7 +29,7 @@ export function startModes(study, model, casesBlock) {
   let chosen = null;
   let playing = null;
 
-  legend($("modes-legend"), "diverging", `−${study.colourRangeMm} mm (inward)`, `+${study.colourRangeMm} mm (outward)`);
+  legend($("modes-legend"), "diverging", `−${study.colourRangeMm} mm or less (inward)`, `+${study.colourRangeMm} mm or more (outward)`);
   const rows = modes.map((_, mode) => sliderRow(mode));
   const readouts = makeReadouts();
   const select = $("modes-case");
@@ -80,7 +80,7 @@ export function startModes(study, model, casesBlock) {
     return (measures) => {
       values(measures).forEach((value, i) => {
         const change = (100 * (value - means[i])) / means[i];
-        cells[i].innerHTML = `${value.toFixed(1)}<small>${signed(change, 1)} % of mean</small>`;
+        cells[i].innerHTML = `${value.toFixed(1)}<small>${signed(change, 1)} %</small>`;
       });
     };
   }

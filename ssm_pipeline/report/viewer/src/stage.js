@@ -20,8 +20,9 @@ export function addLights(scene, camera) {
   scene.add(camera);
 }
 
-/** { scene, canvas, draw(), drawNow() } inside `container`, showing a ball of `radius` mm. */
-export function createStage(container, radius, label) {
+/** { scene, canvas, draw(), drawNow() } inside `place`, showing a ball of `radius` mm. */
+export function createStage(place, radius, label) {
+  const container = Object.assign(document.createElement("div"), { className: "view" });
   const renderer = new WebGLRenderer({ antialias: true, alpha: true });
   renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
   const canvas = renderer.domElement;
@@ -89,10 +90,10 @@ export function createStage(container, radius, label) {
     button.addEventListener("click", () => lookFrom(direction));
     views.append(button);
   }
-  container.append(canvas, views);
+  container.append(canvas);
+  place.append(views, container);
   lookFrom(OBLIQUE);
-  new ResizeObserver(resize).observe(container);
   resize();
-  lookFrom(OBLIQUE);
+  new ResizeObserver(resize).observe(container);
   return { scene, canvas, draw, drawNow };
 }

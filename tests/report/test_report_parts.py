@@ -1,0 +1,138 @@
+"""Tables, curves, landmarks, packing, colours: the page's parts, by known answers."""
+
+from __future__ import annotations
+
+import base64
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ssm_pipeline.report.curves import curve, quality_curves
+from ssm_pipeline.report.grid_pattern import pattern_colours, patterned_scenes
+from ssm_pipeline.report.landmarks import carry_landmarks, landmarks_from_markups
+from ssm_pipeline.report.packing import Block
+from ssm_pipeline.report.rounding import FINE, round_up
+from ssm_pipeline.report.tables import flattened, heading, readable
+
+
+def test_headings_carry_units():
+    assert heading("volume_ml") == "Volume (ml)"
+    assert heading("hd95_mm") == "95th percentile distance (mm)"
+    assert heading("min_angle_deg") == "Smallest angle (degrees)"
+    assert heading("case_id") == "Case"
+
+
+def test_numbers_are_rounded_by_column_and_errors_joined():
+    table = pd.DataFrame(
+        {
+            "case_id": ["a", "b"],
+            "chamfer_mm": [2.0, 2.4567],
+            "chamfer_se_mm": [0.051, np.nan],
+            "euler_number": [2.0, np.nan],
+            "warnings": [("cut", "small"), ()],
+        }
+    )
+    result = readable(table)
+    assert result.headings[1] == "Chamfer distance (mm)"
+    assert result.rows == (
+        ("a", "2.00 ± 0.05", "2", "cut; small"),
+        ("b", "2.46", "–", ""),
+    )
+    assert result.is_number == (False, True, True, False)
+
+
+def test_nested_settings_become_dotted_names():
+    assert list(flattened({"a": {"b": 1, "c": {"d": "x"}}, "e": 2})) == [
+        ("a.b", "1"),
+        ("a.c.d", "x"),
+        ("e", "2"),
+    ]
+
+
+def test_curves_average_cases_and_keep_given_errors():
+    cases = pd.DataFrame(
+        {"case_id": ["a", "b", "a", "b"], "modes": [1, 1, 2, 2], "chamfer_mm": [1.0, 3.0, 1.0, 1.0]}
+    )
+    found = curve(cases, "chamfer_mm")
+    assert found["value"].tolist() == [2.0, 1.0]
+    # Standard deviation √2 over √2 cases.
+    assert found["se"].tolist() == pytest.approx([1.0, 0.0])
+    averaged = pd.DataFrame({"modes": [1], "chamfer_mm": [2.0], "chamfer_se_mm": [0.25]})
+    assert curve(averaged, "chamfer_mm")["se"].tolist() == [0.25]
+
+
+def test_compactness_is_shown_in_percent():
+    tables = {"compactness": pd.DataFrame({"modes": [1, 2], "share": [0.6, 1.0]})}
+    assert quality_curves(tables)["compactness"]["value"].tolist() == pytest.approx([60, 100])
+
+
+def markups(system: str) -> dict:
+    point = {"label": "apex", "position": [1.0, 2.0, 3.0], "positionStatus": "defined"}
+    pending = {"label": "later", "position": [0.0, 0.0, 0.0], "positionStatus": "undefined"}
+    return {"markups": [{"coordinateSystem": system, "controlPoints": [point, pending]}]}
+
+
+def test_landmarks_come_out_in_lps():
+    assert landmarks_from_markups(markups("LPS")).positions.tolist() == [[1, 2, 3]]
+    assert landmarks_from_markups(markups("RAS")).positions.tolist() == [[-1, -2, 3]]
+    assert landmarks_from_markups(markups("RAS")).names == ("apex",)
+    with pytest.raises(ValueError, match="coordinate system IJK"):
+        landmarks_from_markups(markups("IJK"))
+    with pytest.raises(ValueError, match="no placed point"):
+        landmarks_from_markups({"markups": []})
+
+
+def test_landmarks_move_with_their_triangle():
+    template = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+    faces = np.array([[0, 1, 2]])
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    shapes = np.stack([2 * template + 1, template @ turn.T])
+    point = np.array([[1.0, 2.0, 0.0]])
+    carried = carry_landmarks(point, template, faces, shapes)
+    np.testing.assert_allclose(carried[:, 0], [[3, 5, 1], [-2, 1, 0]], atol=1e-12)
+
+
+def test_packed_points_are_within_half_a_step():
+    points = np.random.default_rng(0).uniform(-150, 150, (40, 3))
+    faces = np.array([[0, 1, 2], [3, 4, 70000]])
+    block = Block()
+    odd = block.add_indices(np.array([1, 2, 3]))  # 6 bytes: the next array must still be aligned
+    place, index_place = block.add_points(points), block.add_indices(faces)
+    data = base64.b64decode(block.base64())
+    assert place["offset"] % 4 == 0
+    assert odd["type"] == "uint16"
+    raw = np.frombuffer(data, "<i2", points.size, place["offset"])
+    back = (place["origin"] + place["scale"] * raw).reshape(points.shape)
+    assert np.abs(back - points).max() <= place["scale"] / 2 * 1.001
+    assert place["scale"] < 300 / 65000
+    assert index_place["type"] == "uint32"
+    indices = np.frombuffer(data, "<u4", 6, index_place["offset"])
+    np.testing.assert_array_equal(indices.reshape(2, 3), faces)
+
+
+def test_round_numbers():
+    assert [round_up(v) for v in (0.3, 1.0, 7.0, 12.0)] == pytest.approx([0.5, 1, 10, 20])
+    assert round_up(12.0, FINE) == pytest.approx(15)
+
+
+def test_grid_lines_lie_on_planes_and_a_touching_plane_paints_no_blot():
+    template = np.array([[-50.0, -50, -50], [50, 50, 50]])
+    on_line, between = [20.3, 5.0, 5.0], [25.0, 5.0, 5.0]
+    up, sideways = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
+    colours = pattern_colours(
+        np.array([on_line, between, on_line]), np.array([up, up, sideways]), template, 10.0
+    )
+    # Positions y = z = 5 are half way between planes; only x decides.
+    assert colours.sum(axis=1)[0] < 200
+    assert (colours.sum(axis=1)[1:] > 200).all()
+
+
+def test_patterned_shapes_keep_surface_and_welds(content):
+    template, faces = content.template_vertices, content.model.faces
+    (scene,) = patterned_scenes([content.model.mean], faces, template, steps=3)
+    assert len(scene.faces) == 9 * len(faces)
+    # A closed triangle mesh keeps V − E + F = 2, so V = F / 2 + 2 only if edges are welded.
+    assert len(scene.vertices) == len(scene.faces) // 2 + 2
+    assert scene.colours is not None
+    assert len(scene.colours) == len(scene.vertices)

@@ -1,0 +1,253 @@
+"""The page in a real browser, from file://, without a network."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from ssm_pipeline.report.page import page_html, write_page
+from ssm_pipeline.report.settings import ReportSettings
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the page")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--enable-unsafe-swiftshader",
+]  # fmt: skip
+SETTINGS = ReportSettings(modes=5, case_faces=500, tile_px=96)
+TABS = ["overview", "modes", "interpolation", "correspondence", "quality"]
+
+
+@pytest.fixture(scope="module")
+def file(content, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "index.html"
+    write_page(content, path, SETTINGS)
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser, file):
+    """A fresh page; afterwards: nothing was asked of a network and nothing went wrong."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    troubles: list[str] = []
+    page.on("console", lambda m: troubles.append(m.text) if m.type == "error" else None)
+    page.on("pageerror", lambda error: troubles.append(str(error)))
+    page.on(
+        "request",
+        lambda r: None if re.match(r"(file|data|blob):", r.url) else troubles.append(r.url),
+    )
+    page.goto(file.as_uri())
+    yield page
+    page.close()
+    assert troubles == []
+
+
+def positions(page, part: str = "modes") -> np.ndarray:
+    flat = page.evaluate(f"[...viewer.{part}.positions()]")
+    return np.array(flat).reshape(-1, 3)
+
+
+def test_first_picture_within_two_seconds(page):
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    assert paint < 2000
+    assert page.locator("p.synthetic").inner_text().startswith("SYNTHETIC PHANTOM COHORT")
+    shown = "[...document.images].every((i) => i.complete && i.naturalWidth > 20)"
+    assert page.evaluate(shown)
+
+
+def test_sliders_give_exactly_the_models_instance(page, content):
+    page.click("#tab-modes")
+    page.locator("#mode-0").fill("1.5")
+    page.locator("#mode-3").fill("-2.25")
+    expected = content.model.reconstruct(np.array([1.5, 0, 0, -2.25]))
+    np.testing.assert_allclose(positions(page), expected, atol=1e-3)
+    solid = trimesh.Trimesh(expected, content.model.faces, process=False)
+    shown = page.locator("#modes-readouts dd").all_inner_texts()
+    values = [float(text.split("\n")[0]) for text in shown]
+    exact = [solid.volume / 1e3, solid.area / 1e2, *solid.extents]
+    np.testing.assert_allclose(values, exact, atol=0.051)  # shown with one decimal
+    measured = page.evaluate("viewer.modes.measures().volumeMl")
+    assert measured == pytest.approx(solid.volume / 1e3, rel=1e-5)  # float32 positions
+    page.click("#modes-reset")
+    np.testing.assert_allclose(positions(page), content.model.mean, atol=1e-3)
+
+
+def test_the_picture_follows_the_slider(page):
+    page.click("#tab-modes")
+    canvas = page.locator("#modes-stage canvas")
+    before = canvas.screenshot()
+    page.locator("#mode-0").fill("3")
+    page.evaluate("viewer.modes.drawNow()")
+    assert canvas.screenshot() != before
+
+
+def test_a_tick_shows_that_cases_reconstruction(page, content):
+    page.click("#tab-modes")
+    assert page.locator(".ticks").count() == SETTINGS.modes
+    ticks = page.locator(".ticks").first.locator("button")
+    assert ticks.count() == len(content.model.case_ids)
+    case = 3
+    ticks.nth(case).dispatch_event("click")
+    scores = content.model.scores[case, : SETTINGS.modes]
+    np.testing.assert_allclose(page.evaluate("viewer.modes.scores()"), scores)
+    np.testing.assert_allclose(positions(page), content.model.reconstruct(scores), atol=1e-3)
+    note = page.locator("#modes-note").inner_text()
+    error = np.linalg.norm(
+        content.model.reconstruct(scores) - content.aligned.vertices[case], axis=1
+    ).mean()
+    assert f"{content.model.case_ids[case]} from 5 modes" in note
+    assert f"{error:.2f} mm" in note
+    assert "Green: its own surface" in note
+
+
+def test_play_moves_one_mode_and_stops(page):
+    page.click("#tab-modes")
+    button = page.get_by_label("Play mode 2")
+    button.click()
+    page.wait_for_function("Math.abs(viewer.modes.scores()[1]) > 0.2")
+    button.click()
+    stopped = page.evaluate("viewer.modes.scores()")
+    page.wait_for_timeout(100)
+    assert page.evaluate("viewer.modes.scores()") == stopped
+    assert stopped[0] == 0
+
+
+def test_every_tab_by_keyboard_alone(page):
+    page.keyboard.press("Tab")
+    for name in TABS[1:]:
+        page.keyboard.press("ArrowRight")
+        assert page.locator(f"#panel-{name}").is_visible()
+        assert page.locator("[role=tabpanel]:visible").count() == 1
+        assert page.evaluate("document.activeElement.id") == f"tab-{name}"
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#panel-overview").is_visible()
+    page.keyboard.press("End")
+    assert page.locator("#panel-quality").is_visible()
+
+
+def test_interpolation_shows_the_path(page, content):
+    page.click("#tab-interpolation")
+    page.select_option("#interpolation-pair", "1")
+    page.evaluate("viewer.interpolation.set(0.35, 0.5)")
+    expected = content.paths[1].at(0.35, 0.5)
+    expected -= expected.mean(axis=0)
+    # 16-bit points: extents of 250 mm in steps of 4 µm, twice.
+    np.testing.assert_allclose(positions(page, "interpolation"), expected, atol=0.01)
+    page.evaluate("viewer.interpolation.set(0, 0)")
+    at_rest = np.array(page.evaluate("[...viewer.interpolation.distortion()]"))
+    np.testing.assert_allclose(at_rest, 1, atol=1e-3)
+    with page.expect_download() as download:
+        page.click("#interpolation-picture")
+    assert download.value.suggested_filename.endswith(".png")
+
+
+def test_distortion_is_that_of_the_singular_values(page, content):
+    page.click("#tab-interpolation")
+    page.evaluate("viewer.interpolation.set(1, 1)")
+    shown = np.array(page.evaluate("[...viewer.interpolation.distortion()]"))
+    path = content.paths[0]
+    edges = [
+        points[path.faces[:, 1:]] - points[path.faces[:, :1]]
+        for points in (path.at(0, 1), path.at(1, 1))
+    ]
+    # In an orthonormal frame of each triangle, the map's singular values s1 ≥ s2.
+    flat = [np.linalg.qr(e.transpose(0, 2, 1))[1] for e in edges]
+    s1, s2 = np.linalg.svd(flat[1] @ np.linalg.inv(flat[0]), compute_uv=False).T
+    np.testing.assert_allclose(shown, (s1 / s2 + s2 / s1) / 2, rtol=5e-3)
+
+
+def test_worst_fit_comes_first_after_the_template(page, content):
+    page.click("#tab-correspondence")
+    shown = page.evaluate("viewer.correspondence.order()")
+    table = content.correspondence.sort_values("surface_mm", ascending=False)
+    template = content.aligned.template_id
+    rest = [case for case in table["case_id"] if case != template]
+    assert shown == [f"{template} (template)", *rest]
+    cell = page.locator(".cell canvas").nth(1)
+    drawn = """(canvas) => {
+        const d = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+        let opaque = 0, red = 0;
+        for (let i = 0; i < d.length; i += 4) {
+            if (d[i + 3] > 200) opaque++;
+            if (d[i] > 180 && d[i + 1] < 60 && d[i + 2] < 60) red++;
+        }
+        return [opaque / (d.length / 4), red];
+    }"""
+    page.wait_for_function("document.querySelectorAll('.cell canvas')[1].width > 50")
+    page.wait_for_timeout(100)
+    covered, red = cell.evaluate(drawn)
+    assert 0.1 < covered < 0.9
+    assert red > 5  # a landmark
+
+
+def test_charts_read_out_values(page, content):
+    page.click("#tab-quality")
+    chart = page.locator("#quality-charts .chart").nth(2)
+    chart.locator("svg").first.focus()
+    page.keyboard.press("ArrowLeft")
+    modes = content.model.mode_count - 1
+    expected = content.metrics["specificity"].query("method == 'ours' and modes == @modes")
+    text = chart.locator(".reading").inner_text()
+    assert text.startswith(f"{modes} modes: ours {expected['chamfer_mm'].item():.2f} ± 0.03 mm")
+
+
+@pytest.mark.parametrize("width", [390, 1280, 1920])
+def test_no_tab_scrolls_sideways(page, width):
+    page.set_viewport_size({"width": width, "height": 844})
+    for name in TABS:
+        page.click(f"#tab-{name}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_users_text_is_never_code(content, browser, tmp_path):
+    bad = "</script><script>window.owned = 1</script><b id=owned>"
+    path = tmp_path / "index.html"
+    cohort = content.cohort.assign(warnings=bad)
+    write_page(dataclasses.replace(content, study=bad, cohort=cohort), path, SETTINGS)
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    assert page.evaluate("window.owned") is None
+    assert page.locator("h1").inner_text().startswith(bad)
+    assert page.evaluate("viewer.study.study") == bad
+    page.close()
+
+
+def test_a_study_with_little_to_show_still_makes_a_page(content, browser, tmp_path):
+    bare = dataclasses.replace(
+        content, is_synthetic=False, meshes=(), paths=(), metrics={}, landmarks=None, stages=()
+    )
+    path = tmp_path / "index.html"
+    write_page(bare, path, SETTINGS)
+    page = browser.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(path.as_uri())
+    for name in TABS:
+        page.click(f"#tab-{name}")
+    assert page.locator("p.synthetic").count() == 0
+    assert "not computed" in page.locator("#panel-quality").inner_text()
+    page.close()
+    assert errors == []
+
+
+def test_nothing_is_loaded_from_elsewhere(content):
+    text = page_html(content, SETTINGS)
+    assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", text)
+    assert not re.search(r"@import|url\(\s*[\"']?http", text)
