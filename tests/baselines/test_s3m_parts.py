@@ -176,14 +176,17 @@ def test_multiplication_operator_multiplies() -> None:
 def test_losses_vanish_for_the_right_map_and_only_there() -> None:
     generator = torch.Generator().manual_seed(2)
     k = 5
-    signs = torch.diag(torch.tensor([1.0, -1.0, 1.0, -1.0, -1.0]))[None, None]
-    values = torch.arange(k, dtype=torch.float32)[None]
-    operators = torch.randn(1, 3, k, k, generator=generator)
-    flipped = signs[0] @ operators @ signs[0]
     settings = S3MSettings()
-    right = pair_losses(signs, signs.mT, values, values, operators, flipped, settings)
+    rotation = torch.linalg.qr(torch.randn(k, k, generator=generator))[0][None, None]
+    operators = torch.randn(1, 3, k, k, generator=generator)
+    rotated = rotation[0] @ operators @ rotation[0].mT
+    equal = torch.full((1, k), 2.0)  # a rotation commutes with equal eigenvalues only
+    right = pair_losses(rotation, rotation.mT, equal, equal, operators, rotated, settings)
     assert right.item() == pytest.approx(0, abs=1e-9)
+    wrong = pair_losses(rotation.mT, rotation, equal, equal, operators, rotated, settings)
+    assert wrong.item() > 1
 
+    values = torch.arange(k, dtype=torch.float32)[None]
     # Each term by hand for C = 2 I: bijectivity and orthogonality mean((3 I)²) = 9/k, none for
     # the Laplacian; preservation 0 for equal operators.
     twice = 2 * torch.eye(k)[None, None]
