@@ -63,6 +63,17 @@ def test_the_points_are_each_cases_own_vertices_each_once() -> None:
     ]
 
 
+def test_points_correspond_where_the_samples_are_ordered_differently() -> None:
+    # The two eggs differ by up to 6 mm in x, which changes the order of the farthest points.
+    first, second = organ(1.0, "first"), organ(1.15, "second")
+    points = run_s3m([first, second], SMALL, 0, CPU, ignore).points.vertices
+    true = {tuple(vertex): index for index, vertex in enumerate(first.vertices)}
+    where = second.vertices[[true[tuple(point)] for point in points[0]]]
+    error = np.linalg.norm(points[1] - where, axis=1).mean()
+    chance = np.linalg.norm(points[1][::-1] - where, axis=1).mean()
+    assert error < 0.2 * chance
+
+
 def test_the_same_seed_gives_the_same_bits() -> None:
     meshes = [organ(s, f"case{s}") for s in (0.8, 1.2)]
     first, again = (run_s3m(meshes, SMALL, 3, CPU, ignore) for _ in range(2))
@@ -83,7 +94,8 @@ def test_one_size_matches_a_shape_to_its_enlargement() -> None:
     # Doubling is exact in floating point, so at one size the two are the same to the last bit.
     small = organ(1.0, "small")
     large = dataclasses.replace(small, vertices=2 * small.vertices, case_id="large")
-    settings = SMALL.model_copy(update={"one_size": True, "kernel_std_share": 0.05})
+    settings = SMALL.tuned()
+    assert settings.points == SMALL.points
     points = run_s3m([small, large], settings, 0, CPU, ignore).points.vertices
     assert np.array_equal(points[1], 2 * points[0])
 

@@ -53,7 +53,6 @@ class S3MSettings(Settings):
         default=None, gt=0
     )  # of √area; set, it replaces the variance
 
-    @staticmethod
-    def tuned() -> S3MSettings:
-        """Sizes taken out and the filter's kernel scaled to the organ."""
-        return S3MSettings(one_size=True, kernel_std_share=0.05)
+    def tuned(self) -> S3MSettings:
+        """These settings with sizes taken out and the filter's kernel scaled to the organ."""
+        return self.model_copy(update={"one_size": True, "kernel_std_share": 0.1})
