@@ -10,6 +10,8 @@ from scipy.special import erf
 
 from ssm_pipeline.records import CaseError, Mask
 
+_MAX_POINTS = 3e8  # 1.2 GB of float32
+
 
 @dataclass(frozen=True)
 class SmoothField:
@@ -53,8 +55,17 @@ def smooth_field(organ: Mask, voxel_mm: float, smoothing_mm: float) -> SmoothFie
     The mask is taken as piecewise constant over its voxels and the Gaussian is integrated over
     each of them, so that thick slices are treated as what they are. Sigma is at least 0.6 voxels
     along each axis: less leaves the slices visible as steps.
+    Raises CaseError if the grid would be too large for memory.
     """
     margin = 4 * smoothing_mm + 2 * voxel_mm
+    extent_mm = np.array(organ.voxels.shape[::-1]) * organ.spacing_mm
+    points = np.prod(extent_mm / voxel_mm + 1)
+    if points > _MAX_POINTS:
+        raise CaseError(
+            organ.case_id,
+            f"a grid of {voxel_mm:g} mm over an organ of {' × '.join(f'{e:.0f}' for e in extent_mm)} "
+            f"mm has {points:.1e} points; at most {_MAX_POINTS:.0e} are taken. Raise voxel_mm.",
+        )
     values = organ.voxels
     starts = np.empty(3)
     # The axis that shrinks most first: every later product is then smaller.

@@ -41,11 +41,13 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def restore_volume(vertices: np.ndarray, faces: np.ndarray, volume_mm3: float) -> np.ndarray:
-    """(V, 3) moved along the normals by one common distance (two Newton steps) to the volume.
+    """(V, 3) moved along the normals by one common distance to the volume, within 1e-6.
 
     A common distance, not a scaling: smoothing takes the same layer off a near and a far wall.
     """
-    for _ in range(2):
-        distance = (volume_mm3 - volume(vertices, faces)) / area(vertices, faces)
-        vertices = vertices + distance * vertex_normals(vertices, faces)
+    for _ in range(20):  # Newton; two or three steps do
+        missing = volume_mm3 - volume(vertices, faces)
+        if abs(missing) <= 1e-6 * volume_mm3:
+            break
+        vertices = vertices + missing / area(vertices, faces) * vertex_normals(vertices, faces)
     return vertices

@@ -1,0 +1,178 @@
+"""Label images: right millimetres, and an error that names the case for each kind of bad file."""
+
+import gzip
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from scipy.spatial.transform import Rotation
+
+from data_prep.images import read_mask
+from ssm_pipeline.records import CaseError
+
+SUFFIXES = ["mhd", "mha", "nrrd", "nii", "nii.gz"]
+
+
+def labels_with_box(label: int = 1) -> np.ndarray:
+    labels = np.zeros((20, 24, 28), np.uint8)
+    labels[5:15, 6:18, 4:20] = label
+    return labels
+
+
+def write(path: Path, labels: np.ndarray, spacing: tuple[float, ...] = (1.0, 1.0, 1.0)) -> Path:
+    image = sitk.GetImageFromArray(labels)
+    image.SetSpacing(spacing)
+    sitk.WriteImage(image, str(path), useCompression=True)
+    return path
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_oblique_anisotropic_image_in_every_format(tmp_path: Path, suffix: str) -> None:
+    direction = Rotation.from_euler("zyx", [25, -15, 40], degrees=True).as_matrix()
+    labels = np.zeros((20, 24, 28), np.uint8)
+    labels[3:9, 10:20, 5:15] = 2
+    image = sitk.GetImageFromArray(labels)
+    image.SetSpacing((0.6, 0.9, 2.5))
+    image.SetOrigin((-30.0, 12.0, 200.0))
+    image.SetDirection(direction.ravel().tolist())
+    path = tmp_path / f"a.{suffix}"
+    sitk.WriteImage(image, str(path), useCompression=suffix != "nii")
+    mask = read_mask(path, (2,), "a")
+    np.testing.assert_array_equal(mask.voxels, labels == 2)
+    corner = np.array([5, 10, 3])
+    expected = np.array([-30.0, 12.0, 200.0]) + direction @ (corner * [0.6, 0.9, 2.5])
+    # NIfTI keeps its matrix in float32.
+    np.testing.assert_allclose(mask.to_world(corner), expected, atol=1e-4)
+    np.testing.assert_allclose(
+        mask.to_world(corner), image.TransformIndexToPhysicalPoint(corner.tolist()), atol=1e-4
+    )
+    assert mask.volume_mm3 == pytest.approx(600 * 0.6 * 0.9 * 2.5, rel=1e-5)
+    assert mask.warnings == ()
+
+
+def test_labels_are_united(tmp_path: Path) -> None:
+    labels = labels_with_box(1)
+    labels[15:18, 6:18, 4:20] = 2
+    labels[0, 0, 0] = 7
+    path = write(tmp_path / "a.nii.gz", labels)
+    np.testing.assert_array_equal(
+        read_mask(path, (1, 2), "a").voxels, (labels == 1) | (labels == 2)
+    )
+
+
+def test_labels_stored_as_floats(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.nrrd", labels_with_box(3).astype(np.float32))
+    assert read_mask(path, (3,), "a").voxels.sum() == 10 * 12 * 16
+
+
+def test_absent_label_lists_those_found(tmp_path: Path) -> None:
+    labels = labels_with_box(3)
+    labels[0, 0, :4] = 5
+    path = write(tmp_path / "a.nrrd", labels)
+    with pytest.raises(CaseError, match=r"case a: the lung \(label 4\) is absent.*found: 3, 5"):
+        read_mask(path, (4,), "a", organ="lung")
+
+
+def test_empty_mask(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.nrrd", np.zeros((9, 9, 9), np.uint8))
+    with pytest.raises(CaseError, match="the mask is empty"):
+        read_mask(path, (1,), "a")
+
+
+def test_one_voxel_organ(tmp_path: Path) -> None:
+    labels = np.zeros((9, 9, 9), np.uint8)
+    labels[4, 4, 4] = 1
+    path = write(tmp_path / "a.nrrd", labels)
+    with pytest.raises(CaseError, match=r"holds 1 voxel\(s\); at least 64"):
+        read_mask(path, (1,), "a")
+
+
+def test_border_contact_is_a_warning_or_a_refusal(tmp_path: Path) -> None:
+    labels = labels_with_box()
+    labels[0:5, 6:18, 4:20] = 1
+    labels[5:15, 6:18, 20:] = 1
+    path = write(tmp_path / "a.nii.gz", labels)
+    (warning,) = read_mask(path, (1,), "a", organ="liver").warnings
+    assert "liver (label 1) touches the image border on 2 border slices" in warning
+    assert "first z: 192 voxels, last x: 120 voxels" in warning
+    with pytest.raises(CaseError, match=r"touches the image border on 2.*cut off"):
+        read_mask(path, (1,), "a", allow_truncated=False)
+
+
+@pytest.mark.parametrize("shape", [(20, 20), (2, 12, 12, 12)])
+def test_not_3d(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    image = sitk.GetImageFromArray(np.ones(shape, np.uint8), isVector=False)
+    path = tmp_path / "a.nii.gz"
+    sitk.WriteImage(image, str(path))
+    with pytest.raises(CaseError, match="one 3D volume of labels is needed"):
+        read_mask(path, (1,), "a")
+
+
+def test_colour_image(tmp_path: Path) -> None:
+    path = tmp_path / "a.nrrd"
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones((9, 9, 9, 3), np.uint8), isVector=True), path)
+    with pytest.raises(CaseError, match=r"3 value\(s\) per voxel"):
+        read_mask(path, (1,), "a")
+
+
+def noise() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 4, (20, 30, 40)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("share", [0.6, 0.0])
+def test_file_cut_short(tmp_path: Path, suffix: str, share: float) -> None:
+    path = write(tmp_path / f"a.{suffix}", noise())
+    data = path.with_suffix(".zraw") if suffix == "mhd" else path
+    data.write_bytes(data.read_bytes()[: int(share * data.stat().st_size)])
+    with pytest.raises(CaseError, match="case scan_1: "):
+        read_mask(path, (1,), "scan_1")
+
+
+@pytest.mark.parametrize("suffix", ["mhd", "mha", "nrrd", "nii.gz"])
+def test_damaged_byte(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a.{suffix}", noise())
+    data = path.with_suffix(".zraw") if suffix == "mhd" else path
+    content = bytearray(data.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    data.write_bytes(content)
+    with pytest.raises(CaseError, match="case scan_1: "):
+        read_mask(path, (1,), "scan_1")
+
+
+@pytest.mark.parametrize("bad", ["nan 1 1", "0 1 1", "inf 1 1", "x 1 1"])
+def test_metaimage_spacing(tmp_path: Path, bad: str) -> None:
+    path = write(tmp_path / "a.mhd", labels_with_box())
+    lines = path.read_text().splitlines()
+    lines = [f"ElementSpacing = {bad}" if line.startswith("ElementSp") else line for line in lines]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(CaseError, match=r"voxel spacing .* finite, non-zero"):
+        read_mask(path, (1,), "a")
+
+
+@pytest.mark.parametrize("bad", [float("nan"), 0.0, float("inf")])
+def test_nifti_spacing(tmp_path: Path, bad: float) -> None:
+    path = write(tmp_path / "a.nii.gz", labels_with_box())
+    content = bytearray(gzip.decompress(path.read_bytes()))
+    content[80:84] = struct.pack("<f", bad)
+    path.write_bytes(gzip.compress(bytes(content)))
+    with pytest.raises(CaseError, match=r"voxel spacing .* finite, non-zero"):
+        read_mask(path, (1,), "a")
+
+
+def test_header_without_its_data(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mhd", labels_with_box())
+    (tmp_path / "a.zraw").unlink()
+    with pytest.raises(CaseError, match=r"names the data file a\.zraw, which is not beside it"):
+        read_mask(path, (1,), "a")
+
+
+def test_not_an_image_and_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.nrrd"
+    path.write_text("not an image")
+    with pytest.raises(CaseError, match=r"case a: a\.nrrd can't be read"):
+        read_mask(path, (1,), "a")
+    with pytest.raises(CaseError, match="there is no file"):
+        read_mask(tmp_path / "b.nrrd", (1,), "b")

@@ -1,0 +1,67 @@
+"""A folder of masks: ids, patterns, duplicates."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from data_prep.mask_folder import find_cases
+from ssm_pipeline.records import StudyError
+
+HIPPOCAMPI = Path(__file__).parents[3] / "shared" / "data" / "msd_hippocampus" / "labelsTr"
+
+
+def write(path: Path, label: int = 1) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[2:9, 2:9, 2:9] = label
+    sitk.WriteImage(sitk.GetImageFromArray(labels), path)
+
+
+def test_one_file_a_case(tmp_path: Path) -> None:
+    for name in ("b.nii.gz", "a.nrrd", "c.1.2.mha", "._b.nii.gz", "notes.txt"):
+        if name == "notes.txt" or name.startswith("."):
+            (tmp_path / name).touch()
+        else:
+            write(tmp_path / name)
+    cohort = find_cases(tmp_path)
+    assert [case.case_id for case in cohort.cases] == ["a", "b", "c.1.2"]
+    assert cohort.name == tmp_path.name
+    assert cohort.cases[1].load().case_id == "b"
+
+
+def test_total_segmentator_layout(tmp_path: Path) -> None:
+    for subject in ("s0011", "s0004"):
+        write(tmp_path / subject / "liver.nii.gz")
+        write(tmp_path / subject / "spleen.nii.gz")
+    cohort = find_cases(tmp_path, pattern="*/liver.nii.gz", organ="liver")
+    assert [case.case_id for case in cohort.cases] == ["s0004", "s0011"]
+    assert all(case.files[0].name == "liver.nii.gz" for case in cohort.cases)
+    with pytest.raises(StudyError, match="share the case id spleen"):
+        find_cases(tmp_path, pattern="*/sp*.nii.gz")
+
+
+def test_duplicate_ids(tmp_path: Path) -> None:
+    write(tmp_path / "a.nii.gz")
+    write(tmp_path / "a.nrrd")
+    with pytest.raises(StudyError, match=r"two files share the case id a: .*a\.nii\.gz.*a\.nrrd"):
+        find_cases(tmp_path)
+    assert len(find_cases(tmp_path, pattern="*.nrrd").cases) == 1
+
+
+def test_nothing_matches(tmp_path: Path) -> None:
+    write(tmp_path / "a.nii.gz")
+    with pytest.raises(StudyError, match=r"that match \*\.mhd"):
+        find_cases(tmp_path, pattern="*.mhd")
+    with pytest.raises(StudyError, match="there is no folder"):
+        find_cases(tmp_path / "absent")
+
+
+@pytest.mark.skipif(not HIPPOCAMPI.is_dir(), reason="../shared/data/msd_hippocampus is not here")
+def test_real_hippocampi() -> None:
+    cohort = find_cases(HIPPOCAMPI, labels=(1, 2), organ="hippocampus")
+    assert len(cohort.cases) == 60
+    mask = cohort.cases[0].load()
+    assert mask.case_id == "hippocampus_003"
+    assert 2e3 < mask.volume_mm3 < 5e3
