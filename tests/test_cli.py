@@ -1,0 +1,153 @@
+"""The `workflow` command, as a user meets it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ssm_pipeline import cli
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Said:
+    code: int
+    stdout: str
+    stderr: str
+
+
+Workflow = Callable[..., Said]
+
+
+@pytest.fixture
+def workflow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Workflow:
+    """Call the command as a shell in an empty folder would, without the cost of a process."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> Said:
+        monkeypatch.setattr(sys, "argv", ["workflow", *words])
+        with pytest.raises(SystemExit) as ending:
+            cli.main()
+        out = capsys.readouterr()
+        return Said(int(ending.value.code or 0), out.out, out.err)
+
+    return call
+
+
+def test_help_names_every_command(workflow: Workflow):
+    result = workflow("--help")
+    assert result.code == 0
+    for command in ("run", "check", "show", "list", "init"):
+        assert command in result.stdout
+
+
+def test_the_module_runs_as_a_program(tmp_path: Path):
+    command = [sys.executable, "-m", "ssm_pipeline", "--help"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "workflow" in done.stdout or "Usage" in done.stdout
+
+
+def test_list_shows_the_built_in_studies_from_any_folder(workflow: Workflow):
+    result = workflow("list")
+    assert result.code == 0
+    names = [line.split()[0] for line in result.stdout.splitlines()]
+    assert {"luna16", "hippocampus"} <= set(names)
+    assert set(names) == {path.stem for path in ROOT.glob("workflows/*.yaml")}
+
+
+def test_show_prints_settings_that_can_be_run_as_they_are(workflow: Workflow, tmp_path: Path):
+    result = workflow("show", "luna16", "--set", "training.steps=7")
+    assert result.code == 0
+    shown = yaml.safe_load(result.stdout)
+    assert shown["training"]["steps"] == 7
+    (tmp_path / "again.yaml").write_text(result.stdout)
+    again = workflow("show", "again")
+    assert yaml.safe_load(again.stdout) == shown
+
+
+def test_an_error_is_one_message_without_a_traceback(workflow: Workflow):
+    result = workflow("show", "luna61")
+    assert result.code == 1
+    assert result.stderr.startswith("error: there is no study luna61. Did you mean luna16?")
+    assert "Traceback" not in result.stderr
+
+
+def test_a_mistyped_setting_is_refused_and_the_nearest_named(workflow: Workflow, tmp_path: Path):
+    result = workflow("run", "luna16", "--set", "training.stpes=5")
+    assert result.code == 1
+    assert "there is no setting training.stpes. Did you mean steps?" in result.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Workflow):
+    result = workflow("run", "hippocampus")
+    assert result.code == 1
+    assert "study hippocampus needs masks. Pass --data FOLDER" in result.stderr
+
+
+def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Path):
+    made = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
+    assert made.code == 0, made.stderr
+    assert "workflow run balls" in made.stdout
+    shown = yaml.safe_load(workflow("show", "balls").stdout)
+    assert shown["data"]["labels"] == [3]
+    assert Path(shown["data"]["folder"]) == sphere_masks
+    checked = workflow("check", "balls")
+    assert checked.code == 0, checked.stdout + checked.stderr
+    assert "3 of 3 can be read" in checked.stdout
+    again = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
+    assert again.code == 1
+    assert "exists" in again.stderr
+
+
+def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_masks: Path):
+    workflow("init", "balls", "--masks", str(sphere_masks), "--label", "4")
+    checked = workflow("check", "balls")
+    assert checked.code == 1
+    assert "case ball_0" in checked.stdout
+    assert "label" in checked.stdout
+
+
+@pytest.fixture
+def sphere_masks(tmp_path: Path) -> Path:
+    """Three label images with a ball of label 3."""
+    import numpy as np
+    import SimpleITK as sitk
+
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    z, y, x = np.indices((40, 40, 40)) - 20
+    for index in range(3):
+        ball = (x**2 + y**2 + z**2 < (10 + index) ** 2).astype(np.uint8) * 3
+        sitk.WriteImage(sitk.GetImageFromArray(ball), str(folder / f"ball_{index}.nii.gz"))
+    return folder
+
+
+def test_an_installed_wheel_finds_its_studies_in_an_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """What pyproject.toml puts into the wheel is where `study_folders` looks."""
+    from ssm_pipeline.pipeline import study
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert included == {"workflows": "ssm_pipeline/workflows"}
+    package = tmp_path / "site-packages" / "ssm_pipeline"
+    shutil.copytree(ROOT / "workflows", package / "workflows")
+    monkeypatch.setattr(study, "files", lambda name: package)
+    empty = tmp_path / "elsewhere"
+    empty.mkdir()
+    monkeypatch.chdir(empty)
+    assert study.find_study("luna16") == package / "workflows" / "luna16.yaml"
+    assert set(study.study_paths()) == {path.stem for path in ROOT.glob("workflows/*.yaml")}

@@ -1,0 +1,96 @@
+"""One way through the rooms: imports point only back along the list, and `--help` stays light."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOMS = (
+    "records",
+    "settings",
+    "storage",
+    "geometry",
+    "meshing",
+    "spectral",
+    "matching",
+    "interpolation",
+    "training",
+    "adaptation",
+    "shape_model",
+    "baselines",
+    "evaluation",
+    "export",
+    "report",
+    "data_prep",
+    "pipeline",
+    "cli",
+    "__main__",
+)
+# data_prep makes what meshing takes, and phantoms and benchmarks are made of geometry.
+DATA_PREP_MAY_USE = {"records", "settings", "storage", "geometry", "meshing"}
+MODULES = sorted([*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")])
+
+
+def room_of(module: str) -> str | None:
+    """`ssm_pipeline.geometry.rigid` → `geometry`; None for the package itself and for others."""
+    parts = module.split(".")
+    if parts[0] == "data_prep":
+        return "data_prep"
+    return parts[1] if parts[0] == "ssm_pipeline" and len(parts) > 1 else None
+
+
+def imported(path: Path) -> set[str]:
+    """Rooms that a module imports, inside functions too."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{path} has a relative import"
+            names = [node.module]
+            if node.module == "ssm_pipeline":
+                names = [f"ssm_pipeline.{alias.name}" for alias in node.names]
+        found |= {room for name in names if (room := room_of(name)) is not None}
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_back_along_the_list_of_rooms(path: Path):
+    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    room = room_of(module)
+    if room is None or module == "ssm_pipeline.__init__":
+        return  # the package's front door may lazily show what any room holds
+    others = imported(path) - {room}
+    assert others <= set(ROOMS), f"rooms that the list does not name: {others - set(ROOMS)}"
+    if room == "data_prep":
+        assert others <= DATA_PREP_MAY_USE
+        return
+    assert room in ROOMS, f"{room} has no place in the list of rooms"
+    ahead = {other for other in others if ROOMS.index(other) > ROOMS.index(room)}
+    assert not ahead, f"{module} imports {sorted(ahead)}, which come after {room}"
+
+
+def test_the_check_sees_an_import_that_points_ahead(tmp_path: Path):
+    module = tmp_path / "rigid.py"
+    module.write_text("def f():\n    from ssm_pipeline.pipeline.runner import run_study\n")
+    assert imported(module) == {"pipeline"}
+
+
+def test_geometry_and_shape_model_need_no_pytorch():
+    code = "import sys, ssm_pipeline.shape_model.pca; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_package_and_the_command_line_import_nothing_heavy():
+    code = (
+        "import sys, ssm_pipeline, ssm_pipeline.cli\n"
+        "heavy = {'numpy', 'torch', 'pandas', 'pydantic', 'vtk', 'SimpleITK'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
