@@ -48,16 +48,8 @@ def mode_figure(model: ShapeModel, settings: FigureSettings = _PLAIN) -> Figure:
             minus, plus = images[1 + 2 * mode : 3 + 2 * mode]
             _show(axes[0, mode + 1], minus, f"mode {mode + 1} ({share[mode]:.0f} %)")
             _show(axes[1, mode + 1], plus, "")
-        for row, sign in enumerate("−+"):
-            axes[row, 1].text(
-                -0.04,
-                0.5,
-                f"{sign}{settings.deviations:g} SD",
-                rotation=90,
-                va="center",
-                ha="right",
-                transform=axes[row, 1].transAxes,
-            )
+        for axis, sign in zip(axes[:, 1], "−+", strict=True):
+            _row_label(axis, f"{sign}{settings.deviations:g} SD")
         bar = figure.colorbar(
             ScalarMappable(Normalize(-range_mm, range_mm), "RdBu_r"),
             ax=axes[1, 0],
@@ -73,22 +65,19 @@ def mode_figure(model: ShapeModel, settings: FigureSettings = _PLAIN) -> Figure:
 def interpolation_strip(path: ShapePath, settings: FigureSettings = _PLAIN) -> Figure:
     """Template to case in even steps of time, pose alone above, pose and shape below."""
     times = np.linspace(0, 1, settings.interpolation_steps)
+    rows = ("pose only", 0.0), ("pose and shape", 1.0)
+    scenes = [
+        scene
+        for _, t_s in rows
+        for scene in interpolation_scenes(path, times, np.full(len(times), t_s))
+    ]
     with _fonts(settings):
-        figure, axes = _image_grid(2, len(times), settings)
-        for row, (t_s, label) in enumerate(((0.0, "pose only"), (1.0, "pose and shape"))):
-            scenes = interpolation_scenes(path, times, t_s)
-            images = render(scenes, _pixels(settings, len(times)))
-            for axis, image, time in zip(axes[row], images, times, strict=True):
-                _show(axis, image, f"t = {time:.2g}" if row == 0 else "")
-            axes[row, 0].text(
-                -0.04,
-                0.5,
-                label,
-                rotation=90,
-                va="center",
-                ha="right",
-                transform=axes[row, 0].transAxes,
-            )
+        figure, axes = _image_grid(len(rows), len(times), settings)
+        images = render(scenes, _pixels(settings, len(times)))
+        for number, (axis, image) in enumerate(zip(axes.flat, images, strict=True)):
+            _show(axis, image, f"t = {times[number]:.2g}" if number < len(times) else "")
+        for axis, (label, _) in zip(axes[:, 0], rows, strict=True):
+            _row_label(axis, label)
     return figure
 
 
@@ -212,6 +201,11 @@ def _image_grid(rows: int, columns: int, settings: FigureSettings) -> tuple[Figu
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def _row_label(axis: mpl.axes.Axes, label: str) -> None:
+    place = axis.transAxes
+    axis.text(-0.04, 0.5, label, rotation=90, va="center", ha="right", transform=place)
 
 
 def _show(axis: mpl.axes.Axes, image: np.ndarray, title: str) -> None:

@@ -21,7 +21,7 @@ from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.pictures import interpolation_scenes, mode_range_mm, mode_scenes
 from ssm_pipeline.report.rendering import ABOVE, FRONT, LEFT, Scene, render
 from ssm_pipeline.report.settings import ReportSettings
-from ssm_pipeline.report.tables import ReadableTable, flattened, readable
+from ssm_pipeline.report.tables import ReadableTable, flattened, heading, readable
 
 VIEWER = Path(__file__).parent / "viewer"
 
@@ -50,6 +50,7 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         facts=_facts(content),
         pictures=_pictures(content, settings),
         tables=_tables(content),
+        other_tables=_other_tables(content),
         settings=list(flattened(content.settings)),
         versions=list(flattened(content.versions)),
         has_paths=bool(content.paths) and settings.paths > 0,
@@ -110,7 +111,7 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
     if content.paths:
         path = content.paths[0]
         times = np.linspace(0, 1, figures.interpolation_steps)
-        images = render(interpolation_scenes(path, times, 1.0), size)
+        images = render(interpolation_scenes(path, times, times), size)
         pictures["strip"] = [
             (f"{time:.2g}", _data_address(image)) for time, image in zip(times, images, strict=True)
         ]
@@ -132,6 +133,8 @@ def _tables(content: ReportContent) -> dict[str, ReadableTable | None]:
         cohort = cohort.fillna({"dropped": ""}).sort_values(
             "dropped", key=lambda reason: reason == "", kind="stable"
         )
+    words = [name for name in ("case_id", "dropped", "warnings") if name in cohort]
+    cohort = cohort[[*words, *(name for name in cohort if name not in words)]]
     tables: dict[str, ReadableTable | None] = {
         "stages": None,
         "comparison": None,
@@ -152,6 +155,16 @@ def _tables(content: ReportContent) -> dict[str, ReadableTable | None]:
         if name in content.metrics:
             tables[name] = readable(_by_modes(content, name))
     return tables
+
+
+def _other_tables(content: ReportContent) -> list[tuple[str, ReadableTable]]:
+    """Tables that the page has no place of its own for, such as errors against a known truth."""
+    placed = {"compactness", "generalisation", "generalisation_mean", "specificity", "comparison"}
+    return [
+        (heading(name), readable(table))
+        for name, table in content.metrics.items()
+        if name not in placed
+    ]
 
 
 def _by_modes(content: ReportContent, name: str) -> pd.DataFrame:

@@ -36,6 +36,11 @@ def mode_scenes(model: ShapeModel, count: int, deviations: float) -> list[Scene]
     ]
 
 
-def interpolation_scenes(path: ShapePath, times: np.ndarray, t_s: float) -> list[Scene]:
-    """The path's shapes at the given times, pose and `t_s` of the shape change."""
-    return [Scene(path.at(float(t), t_s), path.faces) for t in times]
+def interpolation_scenes(
+    path: ShapePath, times: np.ndarray, shape_times: np.ndarray
+) -> list[Scene]:
+    """The path's shapes X(t, t_s) at pairs of pose time and shape time."""
+    return [
+        Scene(path.at(float(t), float(t_s)), path.faces)
+        for t, t_s in zip(times, shape_times, strict=True)
+    ]

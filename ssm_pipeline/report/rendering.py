@@ -52,8 +52,8 @@ def render(
     with pv.vtk_verbosity("off"):
         plotter = pv.Plotter(off_screen=True, window_size=[size_px, size_px], lighting="none")
         try:
-            plotter.enable_anti_aliasing("ssaa")  # type: ignore[call-arg]
-            plotter.enable_parallel_projection()
+            plotter.enable_anti_aliasing("ssaa")
+            plotter.enable_parallel_projection()  # type: ignore[call-arg]
             plotter.add_light(pv.Light(light_type="headlight", intensity=0.62))
             # From above left of the viewer: shading shows dents that a headlight alone hides.
             lamp = pv.Light(position=(-0.6, 0.8, 1.0), light_type="camera light", intensity=0.42)

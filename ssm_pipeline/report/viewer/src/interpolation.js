@@ -95,7 +95,6 @@ export function startInterpolation(study) {
         if (playing !== resolve) return;
         inputs.t.value = Math.min(1, (now - from) / 1000 / SECONDS);
         update();
-        stage.drawNow();
         if (now - from >= SECONDS * 1000) stop();
         else requestAnimationFrame(step);
       };
@@ -143,9 +142,11 @@ export function startInterpolation(study) {
     const chunks = [];
     recorder.ondataavailable = (event) => chunks.push(event.data);
     recorder.onstop = () => save(new Blob(chunks, { type: "video/webm" }), "webm");
+    stage.keepSharp = true;
     recorder.start();
     await run();
     recorder.stop();
+    stage.keepSharp = false;
   });
   load(0);
 

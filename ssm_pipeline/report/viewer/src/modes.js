@@ -80,7 +80,7 @@ export function startModes(study, model, casesBlock) {
     return (measures) => {
       values(measures).forEach((value, i) => {
         const change = (100 * (value - means[i])) / means[i];
-        cells[i].innerHTML = `${value.toFixed(1)}<small>${signed(change, 1)} %</small>`;
+        cells[i].innerHTML = `${value.toFixed(value < 20 ? 2 : 1)}<small>${signed(change, 1)} %</small>`;
       });
     };
   }
