@@ -54,10 +54,9 @@ def write_report(context: StageContext) -> Outcome:
 
 def _cohort(run: Run) -> pd.DataFrame:
     """Mesh quality a case, and the reasons of those left out."""
-    quality = run.mesh_quality
+    quality = run.mesh_quality.set_index("case_id")
     reasons = {case.case_id: f"{case.stage}: {case.reason}" for case in run.dropped}
-    absent = [case_id for case_id in reasons if case_id not in set(quality["case_id"])]
-    table = pd.concat([quality, pd.DataFrame({"case_id": absent})], ignore_index=True)
-    table["dropped"] = table["case_id"].map(reasons).fillna("")
-    table["warnings"] = table["warnings"].fillna("")
-    return table
+    left_out = [case_id for case_id in reasons if case_id not in quality.index]
+    table = quality.reindex([*quality.index, *left_out]).reset_index(names="case_id")
+    table["dropped"] = [reasons.get(case_id, "") for case_id in table["case_id"]]
+    return table.fillna({"warnings": ""})

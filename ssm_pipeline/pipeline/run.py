@@ -97,7 +97,10 @@ class Run:
 
     @property
     def mesh_quality(self) -> pd.DataFrame:
-        return pd.read_csv(self._file("meshing", "quality.csv"), dtype={"case_id": str})
+        """A row a case: triangles, Euler number, volume and its change, warnings."""
+        path = self._file("meshing", "quality.csv")
+        table = pd.read_csv(path, dtype={"case_id": str, "warnings": str})
+        return table.fillna({"warnings": ""})
 
     @property
     def stages(self) -> tuple[StageRecord, ...]:

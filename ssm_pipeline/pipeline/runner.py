@@ -14,7 +14,7 @@ from ssm_pipeline.pipeline import process
 from ssm_pipeline.pipeline.cohort import find_cohort
 from ssm_pipeline.pipeline.keys import key_of, key_of_files
 from ssm_pipeline.pipeline.ownership import alone_in, make_room, take
-from ssm_pipeline.pipeline.settings import StudySettings
+from ssm_pipeline.pipeline.settings import PhantomData, StudySettings
 from ssm_pipeline.pipeline.stage import Outcome, Stage, StageContext, StageRecord
 from ssm_pipeline.pipeline.terminal import Terminal, duration
 from ssm_pipeline.records import Cohort, Dropped, StudyError
@@ -46,14 +46,16 @@ def run_study(
     """
     process.keep_large_blocks()
     run_folder = options.runs / study
-    is_synthetic = settings.data.source == "phantoms"
+    data = "synthetic phantoms"
+    if not isinstance(settings.data, PhantomData):
+        data = f"the masks in {settings.data.folder}"
+    is_synthetic = isinstance(settings.data, PhantomData)
     with alone_in(run_folder):
         if aside := make_room(run_folder, study, is_synthetic):
             terminal.say(f"the phantom results that were in {run_folder} are now in {aside}")
         start = time.perf_counter()
         cohort = find_cohort(settings, run_folder)
         file_keys = {case.case_id: key_of_files(case.files) for case in cohort.cases}
-        data = "synthetic phantoms" if is_synthetic else str(settings.data.folder)
         take(run_folder, study, data, is_synthetic, file_keys)
         storage.write_text(run_folder / "study.yaml", settings.to_yaml())
         done: dict[str, StageRecord] = {}

@@ -109,9 +109,11 @@ class StageContext:
     def map_cases(
         self, tasks: Sequence[CaseTask], jobs: int | None = None, folder: Path | None = None
     ) -> list[CaseResult]:
-        with self.terminal.steps(self.name, len(tasks)) as steps:
+        """Do what is not finished of the tasks, in this stage's folder or in one inside it."""
+        place = folder or self.folder()
+        with self.terminal.steps(place.name, len(tasks)) as steps:
             count = self.jobs if jobs is None else jobs
-            return map_cases(tasks, folder or self.folder(), count, steps.advance_to)
+            return map_cases(tasks, place, count, steps.advance_to)
 
     def write_table(self, name: str, rows: Sequence[Row]) -> None:
         with storage.written_whole(self.folder() / f"{name}.csv") as temporary:

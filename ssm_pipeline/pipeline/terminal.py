@@ -33,7 +33,7 @@ class Steps:
         self.done = done
         if self.bar is not None and self.task is not None:
             self.bar.update(self.task, completed=done, note=note)
-        elif time.monotonic() - self.said >= PLAIN_INTERVAL_S:
+        elif self.total > 1 and time.monotonic() - self.said >= PLAIN_INTERVAL_S:
             self.said = time.monotonic()
             self.console.print(f"      {self.label} {done} of {self.total}   {note}".rstrip())
 
