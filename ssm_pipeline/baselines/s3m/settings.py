@@ -48,11 +48,15 @@ class S3MSettings(Settings):
     plateau_patience: int = Field(default=20, ge=0)  # epochs
     plateau_threshold: float = Field(default=1e-2, ge=0)  # relative
 
-    kernel_variance_mm2: float = Field(default=1000.0, gt=0)  # of the product manifold filter, mm²
-    kernel_std_share: float | None = Field(
-        default=None, gt=0
-    )  # of √area; set, it replaces the variance
+    # The product manifold filter's Gaussian kernel; a share, if set, replaces the variance.
+    kernel_variance_mm2: float = Field(default=1000.0, gt=0)  # mm²
+    kernel_std_share: float | None = Field(default=None, gt=0)  # of √area
 
     def tuned(self) -> S3MSettings:
-        """These settings with sizes taken out and the filter's kernel scaled to the organ."""
-        return self.model_copy(update={"one_size": True, "kernel_std_share": 0.1})
+        """These settings with sizes taken out and the filter's kernel scaled to the organ.
+
+        Measured on six deformed and remeshed lungs of known correspondence (√area 363 to 445 mm),
+        mean geodesic error after 20 steps: in mm 17.9 without the filter, 18.9 at a share of 0.04,
+        16.5 at 0.06, 15.5 at 0.1; at one size 18.1 without, 15.3 at 0.1, 14.9 at 0.2, 14.8 at 0.28.
+        """
+        return self.model_copy(update={"one_size": True, "kernel_std_share": 0.2})
