@@ -16,9 +16,7 @@ class S3MSettings(Settings):
     """
 
     eigenfunctions: int = Field(default=20, ge=2)  # the constant one included
-    dense_points: int = Field(
-        default=4000, ge=1
-    )  # first farthest-point sample, drawn from in training
+    dense_points: int = Field(default=4000, ge=1)  # training draws its samples from these
     points: int = Field(default=2048, ge=2)  # points of a training sample and of the result
     neighbours: int = Field(default=10, ge=1)  # of the kNN graph, on raw coordinates
     feature_size: int = Field(default=352, ge=4, multiple_of=4)  # descriptors a point
