@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import shutil
 from pathlib import Path
@@ -10,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from synthetic_report import make_content
 
-from ssm_pipeline.report.page import page_html, write_page
+from ssm_pipeline.report.page import VIEWER, page_html, write_page
+from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.settings import ReportSettings
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the page")
@@ -65,8 +68,10 @@ def positions(page, part: str = "modes") -> np.ndarray:
 
 
 def test_first_picture_within_two_seconds(page):
-    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
-    assert paint < 2000
+    paint = page.wait_for_function(
+        "performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
+    )
+    assert paint.json_value() < 2000  # ms; about 300 on two busy cores
     assert page.locator("p.synthetic").inner_text().startswith("SYNTHETIC PHANTOM COHORT")
     shown = "[...document.images].every((i) => i.complete && i.naturalWidth > 20)"
     assert page.evaluate(shown)
@@ -245,6 +250,25 @@ def test_a_study_with_little_to_show_still_makes_a_page(content, browser, tmp_pa
     assert "not computed" in page.locator("#panel-quality").inner_text()
     page.close()
     assert errors == []
+
+
+def test_a_browser_without_webgl_says_so(browser, file):
+    page = browser.new_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(file.as_uri())
+    page.click("#tab-modes")
+    assert "WebGL 2 is switched off" in page.locator("#panel-modes").inner_text()
+    page.close()
+    assert errors == []
+
+
+def test_the_page_of_a_whole_cohort_stays_small():
+    """22 cases of 4000 vertices, four paths: data and viewer well under 15 MB."""
+    payload = build_payload(make_content(4000, 22, 4), ReportSettings())
+    data = sum(map(len, payload.blocks.values())) + len(json.dumps(payload.description))
+    assert data + (VIEWER / "viewer.js").stat().st_size < 8e6
 
 
 def test_nothing_is_loaded_from_elsewhere(content):

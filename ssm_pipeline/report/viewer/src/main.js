@@ -37,19 +37,24 @@ const distances = Object.keys(study.curves.distances).filter((name) =>
   Object.values(study.curves.charts).some((byDistance) => byDistance[name]),
 );
 
+/** Start a 3D tab, or say in its place why there is no picture. */
+const in3D = (name, start) => () => {
+  if (document.createElement("canvas").getContext("webgl2")) {
+    viewer[name] = start();
+    return;
+  }
+  const note = document.createElement("p");
+  note.textContent = "This browser shows no 3D pictures: WebGL 2 is switched off or missing. The Overview and Quality tabs work without it.";
+  document.getElementById(`panel-${name}`).prepend(note);
+};
+
 startTabs({
   overview() {
     showCharts(document.getElementById("overview-charts"), study.curves, distances[0]);
   },
-  modes() {
-    viewer.modes = startModes(study, model(), casesBlock);
-  },
-  interpolation() {
-    if (study.paths.length) viewer.interpolation = startInterpolation(study);
-  },
-  correspondence() {
-    viewer.correspondence = startCorrespondence(study, model(), casesBlock);
-  },
+  modes: in3D("modes", () => startModes(study, model(), casesBlock)),
+  interpolation: study.paths.length ? in3D("interpolation", () => startInterpolation(study)) : undefined,
+  correspondence: in3D("correspondence", () => startCorrespondence(study, model(), casesBlock)),
   quality() {
     const select = document.getElementById("quality-distance");
     select.append(...distances.map((name) => new Option(study.curves.distances[name], name)));
