@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssm_pipeline.records import Mesh
+from ssm_pipeline.shape_model.fitting import fit
+
 
 @dataclass(frozen=True)
 class ShapeModel:
@@ -58,12 +61,16 @@ class ShapeModel:
         weights = scores * self.standard_deviations[:count]
         return self.mean + np.tensordot(weights, self.modes[:count], axes=1)
 
-    def project(self, points: np.ndarray) -> np.ndarray:
-        """Scores of corresponding, aligned points: (…, V, 3) mm → (…, M) standard deviations.
+    def project(self, shape: np.ndarray | Mesh) -> np.ndarray:
+        """Scores of a shape, (…, M) standard deviations.
 
-        For a surface without correspondence, see `ssm_pipeline.shape_model.fitting.fit`.
+        shape  corresponding, aligned points (…, V, 3) mm, projected exactly; or any mesh of the
+               organ in millimetres, to which the model is fitted first
+               (`ssm_pipeline.shape_model.fitting.fit`, which also gives pose and distances).
         """
-        points = np.asarray(points, dtype=np.float64)
+        if isinstance(shape, Mesh):
+            return fit(self, shape).scores
+        points = np.asarray(shape, dtype=np.float64)
         if points.shape[-2:] != self.mean.shape:
             raise ValueError(
                 f"points have shape {points.shape}; (…, {len(self.mean)}, 3) is needed, in "

@@ -1,0 +1,189 @@
+"""One training step: the project's against a plain reading of the same equations.
+
+    python benchmarks/bench_training.py [--vertices 1000] [--eigenpairs 200] [--plain-times 0 2]
+
+The plain step keeps the dense soft maps for autograd, inverts one system a row of the functional
+map, concatenates edge features and takes the SVD of every rotation. Both start from the same
+weights; the losses are printed beside each other. Prints seconds, peak memory and the ratio.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections.abc import Callable
+
+import fast_simplification
+import numpy as np
+import torch
+import trimesh
+
+from ssm_pipeline.interpolation.interpolator import Interpolator
+from ssm_pipeline.matching.functional_map import resolvent_mask
+from ssm_pipeline.matching.shape import Shape, to_shape
+from ssm_pipeline.pipeline.process import keep_large_blocks
+from ssm_pipeline.records import Mesh
+from ssm_pipeline.spectral.basis import spectral_basis
+from ssm_pipeline.spectral.settings import SpectralSettings
+from ssm_pipeline.training.loss import pair_loss
+from ssm_pipeline.training.matcher import new_networks
+from ssm_pipeline.training.settings import TrainingSettings
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--vertices", type=int, default=1000)
+    parser.add_argument("--eigenpairs", type=int, default=200)
+    parser.add_argument("--time-steps", type=int, nargs="*", default=[0, 2, 6])
+    parser.add_argument("--plain-times", type=int, nargs="*", default=[0, 2])
+    parser.add_argument("--device", default="cpu")
+    arguments = parser.parse_args()
+    keep_large_blocks()
+    settings = TrainingSettings()
+    x, y = (
+        to_shape(
+            spectral_basis(
+                solid(seed, arguments.vertices), SpectralSettings(eigenpairs=arguments.eigenpairs)
+            ),
+            settings.matching,
+            arguments.device,
+        )
+        for seed in (1, 2)
+    )
+    networks = [network.to(arguments.device) for network in new_networks(settings, 0)]
+    print(
+        f"{len(x.vertices)} and {len(y.vertices)} vertices, k = {arguments.eigenpairs}, "
+        f"{arguments.device}, {torch.get_num_threads()} threads"
+    )
+    for T in arguments.time_steps:
+        loss, seconds = timed(lambda T=T: pair_loss(x, y, *networks, T, settings)[0], networks)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        line = f"T = {T}: {seconds:.2f} s, loss {loss:.4f}, process peak {peak:.2f} GB"
+        if T in arguments.plain_times:
+            plain, plain_seconds = timed(
+                lambda T=T: plain_loss(x, y, *networks, T, settings), networks
+            )
+            line += (
+                f"; plain {plain_seconds:.2f} s, loss {plain:.4f}; "
+                f"ratio {plain_seconds / seconds:.1f}"
+            )
+        print(line, flush=True)
+
+
+def solid(seed: int, vertices: int) -> Mesh:
+    """A lung-sized, uneven closed surface with about so many vertices."""
+    generator = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(5)
+    points = ball.vertices * [1.0, 1.3, 2.0]
+    points = points * (1 + 0.2 * np.sin(points @ generator.standard_normal((3, 1)) * 2))
+    reduced = fast_simplification.simplify(
+        np.ascontiguousarray(points, dtype=np.float32),
+        ball.faces.astype(np.int32),
+        target_count=2 * vertices - 4,
+    )
+    return Mesh(70.0 * reduced[0], reduced[1], f"solid {seed}")
+
+
+def timed(
+    loss_of: Callable[[], torch.Tensor], networks: list[torch.nn.Module]
+) -> tuple[float, float]:
+    """The loss, and the seconds of the second of two forward and backward passes."""
+    for _ in range(2):
+        for network in networks:
+            network.zero_grad(set_to_none=True)
+        start = time.perf_counter()
+        loss = loss_of()
+        loss.backward()
+        if loss.is_cuda:
+            torch.cuda.synchronize()
+        seconds = time.perf_counter() - start
+    return float(loss.detach()), seconds
+
+
+def plain_loss(
+    x: Shape,
+    y: Shape,
+    feature_network: torch.nn.Module,
+    interpolator: Interpolator,
+    T: int,
+    settings: TrainingSettings,
+) -> torch.Tensor:
+    F_x, F_y = feature_network(x), feature_network(y)
+    N_x, N_y = (torch.nn.functional.normalize(F, dim=1) for F in (F_x, F_y))
+    Pi_xy = (N_x @ N_y.T / settings.matching.temperature).softmax(dim=1)
+    Pi_yx = (N_y @ N_x.T / settings.matching.temperature).softmax(dim=1)
+    C_xy, C_yx = plain_map(x, y, F_x, F_y, settings), plain_map(y, x, F_y, F_x, settings)
+    one = torch.eye(len(C_xy), device=C_xy.device)
+    loss = (C_xy @ C_yx - one).square().sum() + (C_yx @ C_xy - one).square().sum()
+    loss = loss + (C_xy.T @ C_xy - one).square().sum() + (C_yx.T @ C_yx - one).square().sum()
+    loss = loss + (C_xy - y.projection @ (Pi_yx @ x.eigenvectors)).square().sum()
+    loss = loss + (C_yx - x.projection @ (Pi_xy @ y.eigenvectors)).square().sum()
+    times = [k / max(T, 1) for k in range(max(T, 1) + 1)]
+    X = [plain_pose(x, Pi_xy @ y.vertices, t, interpolator) for t in times]
+    Y = [plain_pose(y, Pi_yx @ x.vertices, t, interpolator) for t in times]
+    weights = settings.spatial_loss
+    for shape, A, B, Pi, other in ((x, X, Y, Pi_xy, y), (y, Y, X, Pi_yx, x)):
+        loss = loss + weights.align * (A[-1] - Pi @ other.vertices).square().sum()
+        if T == 0:
+            continue
+        for before, after in zip(A[:-1], A[1:], strict=True):
+            loss = loss + weights.arap * plain_arap(shape, before, after)
+        gaps = torch.stack([(A[k] - Pi @ B[T - k]).square().sum(1) for k in range(T + 1)])
+        loss = loss + weights.symmetry * gaps[1:T].sum()
+        distances = (gaps + 1e-12).sqrt()
+        loss = loss + weights.variance * distances.var(dim=0, unbiased=False).sum()
+    return loss
+
+
+def plain_map(
+    x: Shape, y: Shape, F_x: torch.Tensor, F_y: torch.Tensor, settings: TrainingSettings
+) -> torch.Tensor:
+    A, B = (x.projection @ F_x).double(), (y.projection @ F_y).double()
+    matching = settings.matching
+    mask = resolvent_mask(x.eigenvalues, y.eigenvalues, matching.resolvent_gamma).double()
+    gram, right = A @ A.T, B @ A.T
+    rows = [
+        torch.linalg.inv(gram + torch.diag(matching.resolvent_weight * mask[i])) @ right[i]
+        for i in range(len(B))
+    ]
+    return torch.stack(rows).to(F_x.dtype)
+
+
+def plain_pose(
+    shape: Shape, target: torch.Tensor, t: float, interpolator: Interpolator
+) -> torch.Tensor:
+    loops = torch.arange(len(shape.vertices), device=target.device).repeat(2, 1).T
+    start, end = torch.cat([shape.edges, loops]).T
+    time_column = torch.full((len(shape.vertices), 1), t, device=target.device)
+    x = interpolator.first(
+        torch.cat([shape.vertices, target - shape.vertices, time_column], dim=1)
+    )
+    for block in interpolator.blocks:
+        W_b = block.neighbour.weight
+        W_a = block.centre.weight + W_b
+        features = torch.cat([x[start], x[end] - x[start]], dim=1)
+        edge = torch.relu(features @ torch.cat([W_a, W_b], dim=1).T + block.centre.bias)
+        index = start[:, None].expand_as(edge)
+        h = torch.zeros_like(x).scatter_reduce(0, index, edge, "amax", include_self=False)
+        pooled = block.pooled(h.amax(dim=0).expand_as(h))
+        x = x + block.last(torch.relu(block.local(h) + pooled))
+    return shape.vertices + t * interpolator.last(x)
+
+
+def plain_arap(shape: Shape, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    start, end = shape.edges.T
+    e, moved = before[start] - before[end], after[start] - after[end]
+    outer = shape.edge_weights[:, None, None] * moved[:, :, None] * e[:, None, :]
+    covariance = torch.zeros(len(before), 3, 3, device=e.device).index_add(0, start, outer)
+    with torch.no_grad():
+        U, _, Vh = torch.linalg.svd(covariance)
+        signs = torch.ones_like(U[:, 0])
+        signs[:, 2] = torch.sign(torch.linalg.det(U @ Vh))
+        R = (U * signs[:, None]) @ Vh
+    turned = torch.einsum("eij,ej->ei", R[start], e)
+    return (shape.edge_weights * (turned - moved).square().sum(1)).sum()
+
+
+if __name__ == "__main__":
+    main()
