@@ -13,6 +13,8 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
@@ -44,7 +46,11 @@ def main() -> None:
     parser.add_argument("--label", type=int, default=3)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        path = arguments.mask or write_phantom(Path(folder) / "phantom.mhd")
+        path = arguments.mask
+        if path is None:
+            # In a process of its own, whose memory does not count as meshing's.
+            with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                path = pool.submit(write_phantom, Path(folder) / "phantom.mhd").result()
         run(path, arguments.label)
 
 
