@@ -27,6 +27,7 @@ def evaluate_method(
     settings: EvaluationSettings,
     seed: int,
     with_scale: bool = False,
+    jobs: int = 1,
 ) -> Metrics:
     """Score one method's correspondences and the shape model they give.
 
@@ -34,6 +35,7 @@ def evaluate_method(
                   methods that give point clouds.
     meshes        the cases' original meshes in their own millimetres, in any order.
     with_scale    whether the alignment removes size; distances are then those of scaled shapes.
+    jobs          processes for the draws; the numbers do not depend on it.
 
     Returns tables, each with the columns method and seed:
     compactness          a row per number of modes;
@@ -53,7 +55,7 @@ def evaluate_method(
         "compactness": compactness(model),
         "generalisation": per_case,
         "generalisation_mean": mean_over_cases(per_case),
-        "specificity": specificity(model, moved, settings, for_draws),
+        "specificity": specificity(model, moved, settings, for_draws, jobs),
     }
     if len(corresponded.faces):
         tables["correspondence"] = correspondence_quality(aligned, moved, settings, for_fit)

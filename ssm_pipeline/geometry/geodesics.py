@@ -6,9 +6,11 @@ vertex seen in a straight line joins it. So each distance is the length of a rea
 shorter than the mesh's own geodesic. Source: unfolding, Chen and Han 1990; graph of direct
 geodesics, Ying, Wang and He 2013.
 
-Measured on a sphere with 5000 evenly spaced vertices against the great circle: see
-`benchmarks/bench_evaluation.py`. Chosen over the heat method and fast marching, which are slower
-and err most at one to three edges, where a good matcher's errors lie.
+Measured on spheres of 5000 vertices against the great circle, one core: 2.7 ms a source, mean
+error 0.2 %, largest 2 % (`benchmarks/bench_evaluation.py`). Beside it: the heat method 1.7 ms and
+1 to 2 %, but above 10 % within two edges, where a good matcher's errors lie; fast marching 2.6 to
+7.7 ms and 1 to 3 %; the mesh's edges alone 0.9 ms and 6 %; exact windows (libigl) 140 ms for half
+as many vertices.
 """
 
 from __future__ import annotations
