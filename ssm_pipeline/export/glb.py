@@ -33,9 +33,7 @@ def glb_bytes(model: ShapeModel, modes: int | None = None) -> bytes:
     def add(array: np.ndarray, component: int, kind: str, target: int) -> int:
         data = array.tobytes()
         offset = sum(map(len, buffers))
-        views.append(
-            {"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target}
-        )
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target})
         accessor = {
             "bufferView": len(views) - 1,
             "componentType": component,

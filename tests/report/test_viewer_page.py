@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import re
 import shutil
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.image import imread
 from synthetic_report import make_content
 
 from ssm_pipeline.report.page import VIEWER, page_html, write_page
@@ -161,6 +164,20 @@ def test_interpolation_shows_the_path(page, content):
     with page.expect_download() as download:
         page.click("#interpolation-picture")
     assert download.value.suggested_filename.endswith(".png")
+
+
+def test_saved_frames_are_a_whole_archive_of_pictures(page, tmp_path):
+    page.set_viewport_size({"width": 400, "height": 400})  # small pictures are quick
+    page.click("#tab-interpolation")
+    with page.expect_download() as download:
+        page.click("#interpolation-frames")
+    download.value.save_as(tmp_path / "frames.zip")
+    with zipfile.ZipFile(tmp_path / "frames.zip") as archive:
+        assert archive.testzip() is None
+        assert archive.namelist() == [f"frame_{n:03d}.png" for n in range(41)]
+        first, last = (imread(io.BytesIO(archive.read(f"frame_{n:03d}.png"))) for n in (0, 40))
+    assert first.shape == last.shape
+    assert np.abs(first - last).max() > 0.1
 
 
 def test_distortion_is_that_of_the_singular_values(page, content):

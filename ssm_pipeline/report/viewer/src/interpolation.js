@@ -4,8 +4,10 @@ import { array, block } from "./data.js";
 import { legend, lookup } from "./colours.js";
 import { cotangents, distortion, vertexNormals } from "./geometry.js";
 import { createStage } from "./stage.js";
+import { zip } from "./zip.js";
 
 const $ = (id) => document.getElementById(id);
+const FRAMES = 41; // of a saved series: t in steps of 0.025
 const WORST = 2; // distortion at the end of the colour bar
 const BONE = [0.69, 0.6, 0.46]; // linear light
 
@@ -134,6 +136,22 @@ export function startInterpolation(study) {
     stage.drawNow(); // the drawing buffer is only there right after drawing
     stage.canvas.toBlob((blob) => save(blob, "png"));
   });
+  const frames = $("interpolation-frames");
+  frames.addEventListener("click", async () => {
+    stop();
+    frames.disabled = true;
+    const files = [];
+    for (let i = 0; i < FRAMES; i++) {
+      inputs.t.value = i / (FRAMES - 1);
+      update();
+      stage.drawNow();
+      const blob = await new Promise((resolve) => stage.canvas.toBlob(resolve));
+      const name = `frame_${String(i).padStart(3, "0")}.png`;
+      files.push({ name, bytes: new Uint8Array(await blob.arrayBuffer()) });
+    }
+    save(zip(files), "zip");
+    frames.disabled = false;
+  });
   const video = $("interpolation-video");
   video.hidden = !window.MediaRecorder?.isTypeSupported("video/webm");
   video.addEventListener("click", async () => {
@@ -145,6 +163,8 @@ export function startInterpolation(study) {
     stage.keepSharp = true;
     recorder.start();
     await run();
+    // The encoder lags behind on slow machines; what it has not seen is lost at stop.
+    await new Promise((resolve) => setTimeout(resolve, 1000));
     recorder.stop();
     stage.keepSharp = false;
   });
