@@ -51,6 +51,7 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         pictures=_pictures(content, settings),
         tables=_tables(content),
         other_tables=_other_tables(content),
+        chamfer_floor=_chamfer_floor(content),
         settings=list(flattened(content.settings)),
         versions=list(flattened(content.versions)),
         has_paths=bool(content.paths) and settings.paths > 0,
@@ -157,11 +158,20 @@ def _tables(content: ReportContent) -> dict[str, ReadableTable | None]:
     return tables
 
 
+def _chamfer_floor(content: ReportContent) -> str | None:
+    """What the Chamfer distance of a shape to itself is, which its sampling alone decides."""
+    table = content.metrics.get("generalisation")
+    if table is None or not {"chamfer_floor_mm", "points"} <= set(table.columns):
+        return None
+    return f"{table['chamfer_floor_mm'].mean():.2f} mm with {table['points'].iloc[0]:.0f} points"
+
+
 def _other_tables(content: ReportContent) -> list[tuple[str, ReadableTable]]:
     """Tables that the page has no place of its own for, such as errors against a known truth."""
+    titles = {"truth": "Distance from the known truth"}
     placed = {"compactness", "generalisation", "generalisation_mean", "specificity", "comparison"}
     return [
-        (heading(name), readable(table))
+        (titles.get(name, heading(name)), readable(table))
         for name, table in content.metrics.items()
         if name not in placed
     ]

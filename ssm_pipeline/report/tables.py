@@ -32,6 +32,22 @@ _WORDS = {
     "dropped": "left out because",
     "cases_in": "cases in",
 }
+_STEMS = {
+    "to_case": "template to case distance",
+    "from_case": "case to template distance",
+    "to_case_hd95": "template to case, 95th percentile",
+    "from_case_hd95": "case to template, 95th percentile",
+    "flipped": "flipped triangles",
+    "uncovered": "surface not covered",
+    "coverage": "covered means within",
+    "distinct": "distinct matched points",
+    "round_trip": "round-trip distance",
+    "geodesic": "mean geodesic error",
+    "geodesic_median": "median geodesic error",
+    "geodesic_p95": "95th percentile of the geodesic error",
+    "geodesic_x100": "mean geodesic error × 100 / √area",
+    "off_surface": "distance off the true surface",
+}
 
 
 @dataclass(frozen=True)
@@ -51,7 +67,10 @@ def heading(column: str) -> str:
         return "Time (s)" if _UNITS[column] == "s" else f"({_UNITS[column]})"
     parts = column.split("_")
     unit = _UNITS.get(parts[-1]) if len(parts) > 1 else None
-    words = " ".join(_WORDS.get(part, part) for part in (parts[:-1] if unit else parts))
+    stem = "_".join(parts[:-1] if unit else parts)
+    words = _STEMS.get(stem) or " ".join(
+        _WORDS.get(part, part) for part in (parts[:-1] if unit else parts)
+    )
     return _capital(f"{words} ({unit})" if unit else words)
 
 
@@ -85,7 +104,8 @@ def text(value: Any, decimals: int = 2) -> str:
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, int | float | np.number):
-        return f"{value:.{decimals}f}".replace("-", "−")
+        written = f"{value:.{decimals}f}"
+        return written.replace("-", "" if float(written) == 0 else "−")
     return str(value)
 
 
@@ -99,6 +119,7 @@ def _decimals(column: pd.Series) -> int:
     if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
         return 2
     known = column.dropna().abs()
+    known = known.where(known > 1e-9, 0.0)  # round-off of a zero is a zero
     if (known == known.round()).all():
         return 0
     return int(np.clip(2 - math.floor(math.log10(known[known > 0].median())), 0, 4))

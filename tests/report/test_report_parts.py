@@ -21,6 +21,7 @@ def test_headings_carry_units():
     assert heading("hd95_mm") == "95th percentile distance (mm)"
     assert heading("min_angle_deg") == "Smallest angle (degrees)"
     assert heading("case_id") == "Case"
+    assert heading("to_case_mm") == "Template to case distance (mm)"
 
 
 def test_numbers_are_rounded_by_column_and_errors_joined():
@@ -40,6 +41,11 @@ def test_numbers_are_rounded_by_column_and_errors_joined():
         ("b", "2.46", "–", ""),
     )
     assert result.is_number == (False, True, True, False)
+
+
+def test_round_off_of_a_zero_is_a_plain_zero():
+    assert readable(pd.DataFrame({"x_mm": [-1e-15, 0.0]})).rows == (("0",), ("0",))
+    assert readable(pd.DataFrame({"x_mm": [-0.001, 1.25]})).rows[0] == ("−0.001",)
 
 
 def test_nested_settings_become_dotted_names():

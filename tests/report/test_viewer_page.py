@@ -288,6 +288,10 @@ def test_the_page_of_a_whole_cohort_stays_small():
     assert data + (VIEWER / "viewer.js").stat().st_size < 8e6
 
 
+def test_captions_state_the_floor_of_the_chamfer_distance(content):
+    assert page_html(content, SETTINGS).count("1.25 mm with 500 points") == 2
+
+
 def test_nothing_is_loaded_from_elsewhere(content):
     text = page_html(content, SETTINGS)
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", text)
