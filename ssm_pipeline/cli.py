@@ -29,6 +29,12 @@ Changes = Annotated[
         show_default=False,
     ),
 ]
+Device = Annotated[
+    str | None, typer.Option(help="cpu or cuda; cuda where there is one.", show_default=False)
+]
+Jobs = Annotated[
+    int | None, typer.Option(min=1, help="Cases at a time; one a core.", show_default=False)
+]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
 
 
@@ -38,14 +44,8 @@ def run(
     data: DataFolder = None,
     changes: Changes = None,
     runs: RunsFolder = Path("runs"),
-    device: Annotated[
-        str | None,
-        typer.Option(help="cpu or cuda; cuda where there is one.", show_default=False),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Cases at a time; one a core.", show_default=False),
-    ] = None,
+    device: Device = None,
+    jobs: Jobs = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of every random draw.", show_default=False)
     ] = None,
@@ -119,6 +119,135 @@ def init(
 
     path = write_study(name, masks, tuple(label), pattern)
     typer.echo(f"wrote {path}. Look it over, then: workflow run {name}")
+
+
+benchmark = typer.Typer(help="Measure the method where the truth is known.", no_args_is_help=True)
+app.add_typer(benchmark, name="benchmark")
+
+
+@benchmark.command()
+def phantoms(
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """The whole pipeline on synthetic lungs with known truth: as scanned, and turned."""
+    from ssm_pipeline.pipeline.phantom_benchmark import run_phantom_benchmark
+    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
+    from ssm_pipeline.pipeline.runner import RunOptions
+    from ssm_pipeline.pipeline.study import read_study
+    from ssm_pipeline.pipeline.terminal import Terminal
+
+    chosen = read_study("luna16", None, changes or [])
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    table = run_phantom_benchmark(chosen.settings, options, terminal)
+    terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"table: {runs / 'phantom-benchmark.csv'}")
+
+
+@benchmark.command()
+def matching(
+    data: Annotated[Path, typer.Option("--data", help="Folder with off/ and corres/.")],
+    preset: Annotated[
+        str, typer.Option(help="near-isometric, non-isometric, or a YAML.")
+    ] = "non-isometric",
+    train: Annotated[str | None, typer.Option(help="Shapes to train on, as 0:80.")] = None,
+    test: Annotated[str | None, typer.Option(help="Shapes to test on, as 80:100.")] = None,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="A trained matcher.pt, instead of training.")
+    ] = None,
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+) -> None:
+    """Mean geodesic error on shapes with known correspondences, as the papers report it."""
+    from ssm_pipeline.pipeline.benchmark_settings import parse_range, read_preset
+    from ssm_pipeline.pipeline.matching_benchmark_run import run_matching
+    from ssm_pipeline.pipeline.process import chosen_device
+    from ssm_pipeline.pipeline.terminal import Terminal
+
+    terminal = Terminal()
+    folder = runs / f"matching-{data.resolve().name}"
+    summary = run_matching(
+        data,
+        folder,
+        read_preset(preset, changes or []),
+        parse_range("--train", train),
+        parse_range("--test", test),
+        checkpoint,
+        chosen_device(device),
+        terminal,
+    )
+    terminal.say(summary.round(3).to_string(index=False))
+    terminal.say(f"tables and curve: {folder}")
+
+
+@app.command()
+def evaluate(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")],
+    samples: Annotated[
+        int | None, typer.Option(min=2, help="Shapes drawn for specificity.", show_default=False)
+    ] = None,
+    folds: Annotated[
+        int | None,
+        typer.Option(min=0, help="Held-out folds; 0: one case at a time.", show_default=False),
+    ] = None,
+    retrain: Annotated[
+        bool, typer.Option("--retrain", help="Train the matcher anew without each fold.")
+    ] = False,
+    changes: Changes = None,
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """Score a run's model again with other evaluation settings, and renew its report."""
+    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
+    from ssm_pipeline.pipeline.runner import RunOptions, run_study
+    from ssm_pipeline.pipeline.stages import STAGES
+    from ssm_pipeline.pipeline.study import read_run_settings
+    from ssm_pipeline.pipeline.terminal import Terminal
+
+    wanted = [f"evaluation.samples={samples}"] if samples is not None else []
+    wanted += [f"evaluation.folds={folds}"] if folds is not None else []
+    wanted += ["comparison.retrain=true"] if retrain else []
+    settings = read_run_settings(run_folder, [*(changes or []), *wanted])
+    options = RunOptions(run_folder.parent, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    run_study(run_folder.name, settings, options, terminal, STAGES)
+    terminal.say(f"tables: {run_folder / 'evaluation'}")
+    terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
+
+
+@app.command()
+def view(study: StudyName, runs: RunsFolder = Path("runs")) -> None:
+    """Open a study's report in the browser."""
+    import webbrowser
+
+    from ssm_pipeline.records import StudyError
+
+    page = runs / Path(study).stem / "report" / "index.html"
+    if not page.is_file():
+        raise StudyError(f"there is no {page}; make it with: workflow run {study}")
+    typer.echo(str(page))
+    webbrowser.open(page.resolve().as_uri())
+
+
+@app.command()
+def figures(
+    study: StudyName,
+    formats: Annotated[str, typer.Option("--format", help="pdf, png, or both.")] = "pdf,png",
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a figure's setting, as font_size_pt=7."),
+    ] = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Figures for a paper: modes, interpolation, correspondence, quality curves."""
+    from ssm_pipeline.pipeline.report_stage import draw_figures
+
+    for path in draw_figures(runs / Path(study).stem, formats.split(","), changes or []):
+        typer.echo(str(path))
 
 
 def main() -> None:

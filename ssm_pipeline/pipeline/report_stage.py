@@ -2,30 +2,62 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import pandas as pd
 
 from ssm_pipeline.pipeline.evaluation_stage import FULL
 from ssm_pipeline.pipeline.process import versions
-from ssm_pipeline.pipeline.run import Run
+from ssm_pipeline.pipeline.run import Run, load_run
 from ssm_pipeline.pipeline.stage import Outcome, StageContext
+from ssm_pipeline.pipeline.study import checked_as, merge, parse_change
+from ssm_pipeline.report.settings import FigureSettings
+
+if TYPE_CHECKING:
+    from ssm_pipeline.report.content import ReportContent
 
 
 def write_report(context: StageContext) -> Outcome:
     """index.html: the page, one file."""
-    from ssm_pipeline.evaluation.model_quality import move_meshes
-    from ssm_pipeline.report.content import ReportContent
     from ssm_pipeline.report.page import write_page
 
-    run = Run(context.run_folder)
+    content = report_content(Run(context.run_folder))
+    write_page(content, context.folder() / "index.html", context.settings.report)
+    return Outcome(context.case_keys)
+
+
+def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str]) -> list[Path]:
+    """figures/*: the figures of a finished run, in each format. Raises StudyError."""
+    from ssm_pipeline.report.figures import write_figures
+
+    run = load_run(run_folder)
+    content = report_content(run)
+    stored = run.settings["report"]["figures"]
+    written: list[Path] = []
+    for format in formats:
+        wanted = [*changes, f"format={format.strip()}"]
+        settings = functools.reduce(merge, map(parse_change, wanted), stored)
+        checked_settings = checked_as(FigureSettings, settings, run_folder / "study.yaml")
+        written += write_figures(content, run_folder / "figures", checked_settings)
+    return written
+
+
+def report_content(run: Run) -> ReportContent:
+    """What the report shows, read from the files of a run's stages."""
+    from ssm_pipeline.evaluation.model_quality import move_meshes
+
     frames = [run.frames[case_id] for case_id in run.cases]
     meshes = [run.mesh(case_id) for case_id in run.cases]
     tables = dict(run.metrics.tables)
     tables["compactness"] = tables["compactness"].rename(columns={"compactness": "share"})
     fits = tables.pop("correspondence")
     fits = fits[fits["method"] == FULL].drop(columns=["method", "seed"])
-    content = ReportContent(
-        study=context.study,
-        is_synthetic=context.cohort.is_synthetic,
+    return ReportContent(
+        study=run.folder.name,
+        is_synthetic=run.settings["data"]["source"] == "phantoms",
         model=run.model,
         aligned=run.aligned,
         frames=tuple(frames),
@@ -42,14 +74,13 @@ def write_report(context: StageContext) -> Outcome:
                 "cases_in": len(record.cases_in),
                 "cases_out": len(record.cases_out),
             }
-            for record in context.done.values()
+            for record in run.stages
+            if record.stage != "report"
         ),
-        settings=context.settings.model_dump(mode="json"),
+        settings=run.settings,
         versions=versions(),
-        seed=context.seed,
+        seed=run.settings["seed"],
     )
-    write_page(content, context.folder() / "index.html", context.settings.report)
-    return Outcome(context.case_keys)
 
 
 def _cohort(run: Run) -> pd.DataFrame:

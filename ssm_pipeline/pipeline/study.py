@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -16,7 +16,9 @@ from pydantic import ValidationError
 from ssm_pipeline.pipeline.known_keys import known_keys
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.settings import Settings
 
+Kind = TypeVar("Kind", bound=Settings)
 WITHOUT_DATA = "without_data"  # section of overrides for a run that is given no masks
 
 
@@ -89,6 +91,14 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
     return Study(path.stem, path, checked(changed, path), is_stand_in)
 
 
+def read_run_settings(run_folder: Path, changes: Sequence[str] = ()) -> StudySettings:
+    """The settings a run was made with, with `--set` changes over them. Raises StudyError."""
+    path = run_folder / "study.yaml"
+    if not path.is_file():
+        raise StudyError(f"{run_folder} holds no run; give a folder such as runs/luna16.")
+    return checked(functools.reduce(merge, map(parse_change, changes), read_yaml(path)), path)
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -128,10 +138,15 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked(content: Mapping[str, Any], path: Path) -> StudySettings:
+    return checked_as(StudySettings, content, path)
+
+
+def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind:
+    """Settings of a class from a file's content. Raises StudyError, a line a problem."""
     try:
-        return StudySettings.model_validate(content)
+        return kind.model_validate(content)
     except ValidationError as error:
-        known = known_keys(StudySettings)
+        known = known_keys(kind)
         lines = []
         for problem in error.errors():
             # The discriminator of `data` appears in the location; it is no key of the file.
