@@ -30,7 +30,9 @@ def corresponded_shapes(
         return run.shapes
     if method == "S3M" or method == "S3M tuned":
         settings = context.settings.comparison.s3m
-        return _by_s3m(context, method, settings if method == "S3M" else settings.tuned(), meshes)
+        if method == "S3M tuned":
+            settings = settings.tuned()
+        return _by_s3m(context, method, settings, meshes)
     from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
     from ssm_pipeline.shape_model.correspondence import collect
 

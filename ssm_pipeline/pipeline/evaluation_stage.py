@@ -16,7 +16,7 @@ from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.stage import Outcome, StageContext
-from ssm_pipeline.records import CaseError, Cohort, CorrespondedShapes, Mesh, Metrics
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
 
 TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
 
@@ -24,6 +24,9 @@ TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
 def evaluate_methods(context: StageContext) -> Outcome:
     """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
     from ssm_pipeline.evaluation.comparison import compare
+    from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
+    from ssm_pipeline.shape_model.alignment import align
+    from ssm_pipeline.shape_model.pca import build
 
     run, settings = Run(context.run_folder), _with_equal_points(context.settings)
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
@@ -36,12 +39,10 @@ def evaluate_methods(context: StageContext) -> Outcome:
             continue
         own = settings.comparison.s3m if method.startswith("S3M") else settings.adaptation
         scores[method] = _scores(context, run, method, settings, own, shapes, meshes)
-    if context.cohort.truth is not None:
-        from ssm_pipeline.evaluation.phantom_truth import true_correspondence
-
-        template = run.mesh(run.template_id)
-        shapes = true_correspondence(template, context.cohort.truth, tuple(context.case_keys))
-        scores[TRUTH] = _scores(context, run, TRUTH, settings, None, shapes, meshes)
+    truth, template = context.cohort.truth, run.mesh(run.template_id)
+    if truth is not None:
+        true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
+        scores[TRUTH] = _scores(context, run, TRUTH, settings, None, true_shapes, meshes)
     names = {name for metrics in scores.values() for name in metrics.tables}
     tables = {
         name: pd.concat(
@@ -50,6 +51,9 @@ def evaluate_methods(context: StageContext) -> Outcome:
         )
         for name in sorted(names)
     }
+    if truth is not None and not settings.shape_model.with_scale:
+        floor = build(align(true_shapes)[0])
+        tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
     baseline = "S3M" if "S3M" in scores else FULL
     generator = np.random.default_rng(context.seed)
     draws = settings.evaluation.bootstrap_draws
@@ -84,7 +88,7 @@ def _scores(
     folder = method_folder(context, method)
     rests_on = (own_settings, run.template_id, settings.evaluation, settings.shape_model)
     key = context.key_of(method, rests_on, settings.seed)
-    work = partial(_write_scores, method, shapes, run, meshes, settings, context.cohort)
+    work = partial(_write_scores, context, run, method, settings, shapes, meshes)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
     if result.dropped is not None:
         raise CaseError(method, result.dropped)
@@ -92,26 +96,32 @@ def _scores(
 
 
 def _write_scores(
-    method: str,
-    shapes: CorrespondedShapes,
+    context: StageContext,
     run: Run,
-    meshes: Sequence[Mesh],
+    method: str,
     settings: StudySettings,
-    cohort: Cohort,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
     folder: Path,
 ) -> Row:
     """The tables of `evaluate_method`; of a synthetic cohort also the errors against the truth."""
     from ssm_pipeline.evaluation.evaluate import evaluate_method
 
-    scale = settings.shape_model.with_scale
     metrics = evaluate_method(
-        method, shapes, meshes, settings.evaluation, settings.seed, with_scale=scale
+        method,
+        shapes,
+        meshes,
+        settings.evaluation,
+        settings.seed,
+        with_scale=settings.shape_model.with_scale,
+        jobs=context.jobs,
     )
     storage.save_tables(metrics, folder)
-    if cohort.truth is not None and len(shapes.faces):
+    truth = context.cohort.truth
+    if truth is not None and len(shapes.faces):
         from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
 
-        errors = correspondence_errors(shapes, run.mesh(run.template_id), cohort.truth)
+        errors = correspondence_errors(shapes, run.mesh(run.template_id), truth)
         errors.insert(0, "method", method)
         storage.save_tables(Metrics({"truth": errors}), folder)
     return {}

@@ -84,8 +84,8 @@ def take(
         if not set(before.inputs.values()) & set(file_keys.values()):
             owner = storage.read_json(run_folder / OWNER_FILE)
             raise StudyError(
-                f"{run_folder} holds results of {owner['data']}; this run is on {data}, none of which "
-                f"is among them. Choose another folder with --runs, or delete {run_folder}."
+                f"{run_folder} holds results of {owner['data']}; this run is on {data}, none of "
+                f"which is among them. Choose another folder with --runs, or delete {run_folder}."
             )
     owner = {"study": study, "synthetic": is_synthetic, "data": data}
     storage.write_json(run_folder / OWNER_FILE, owner)

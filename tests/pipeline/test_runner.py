@@ -186,7 +186,7 @@ def test_a_folder_of_other_masks_is_refused(bench: Bench):
     other = Bench(bench.folder)
     other.masks = bench.folder / "other"
     write_masks(other.masks, {"x": "10", "y": "20", "z": "30"})
-    with pytest.raises(StudyError, match=r"toy holds results of the masks in .*masks; this run is on .*other"):
+    with pytest.raises(StudyError, match=r"holds results of the masks in .*masks; .* in .*other"):
         other.run()
     assert bench.sum == "20"
 
