@@ -10,6 +10,7 @@ weights; the losses are printed beside each other. Prints seconds, peak memory a
 from __future__ import annotations
 
 import argparse
+import itertools
 import resource
 import time
 from collections.abc import Callable
@@ -127,7 +128,7 @@ def plain_loss(
         loss = loss + weights.align * (A[-1] - Pi @ other.vertices).square().sum()
         if T == 0:
             continue
-        for before, after in zip(A[:-1], A[1:], strict=True):
+        for before, after in itertools.pairwise(A):
             loss = loss + weights.arap * plain_arap(shape, before, after)
         gaps = torch.stack([(A[k] - Pi @ B[T - k]).square().sum(1) for k in range(T + 1)])
         loss = loss + weights.symmetry * gaps[1:T].sum()
@@ -156,9 +157,7 @@ def plain_pose(
     loops = torch.arange(len(shape.vertices), device=target.device).repeat(2, 1).T
     start, end = torch.cat([shape.edges, loops]).T
     time_column = torch.full((len(shape.vertices), 1), t, device=target.device)
-    x = interpolator.first(
-        torch.cat([shape.vertices, target - shape.vertices, time_column], dim=1)
-    )
+    x = interpolator.first(torch.cat([shape.vertices, target - shape.vertices, time_column], dim=1))
     for block in interpolator.blocks:
         W_b = block.neighbour.weight
         W_a = block.centre.weight + W_b

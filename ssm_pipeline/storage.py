@@ -35,7 +35,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        os.chmod(temporary, 0o644)  # mkstemp makes it private; a run folder is shared
+        temporary.chmod(0o644)  # mkstemp makes it private; a run folder is shared
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

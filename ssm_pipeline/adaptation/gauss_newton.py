@@ -51,7 +51,8 @@ class _System:
         row, column = np.concatenate(rows), np.concatenate(columns)
         smooth = sp.kron(objective.laplacian * objective.stiffness, sp.identity(3)).tocoo()
         row, column = np.concatenate([row, smooth.row]), np.concatenate([column, smooth.col])
-        keys, self.slot = np.unique(column.astype(np.int64) * (3 * count) + row, return_inverse=True)
+        position = column.astype(np.int64) * (3 * count) + row
+        keys, self.slot = np.unique(position, return_inverse=True)
         self.indices = (keys % (3 * count)).astype(np.int32)
         starts = np.searchsorted(keys // (3 * count), np.arange(3 * count + 1))
         self.indptr = starts.astype(np.int32)

@@ -65,7 +65,7 @@ class Interpolator(nn.Module):
 
 
 def ring_maximum(values: torch.Tensor, neighbours: torch.Tensor) -> torch.Tensor:
-    """Channel-wise maximum over each vertex's one-ring and itself: (T, V, C), (V, R) → (T, V, C)."""
+    """Maximum over each vertex's one-ring and itself: (T, V, C), (V, R) → (T, V, C)."""
     return _RingMaximum.apply(values, neighbours)
 
 

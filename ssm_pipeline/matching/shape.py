@@ -53,9 +53,7 @@ def to_shape(
     def tensor(array: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=dtype, device=device)
 
-    descriptors = wave_kernel_signature(
-        basis.eigenvalues, basis.eigenvectors, settings.descriptors
-    )
+    descriptors = wave_kernel_signature(basis.eigenvalues, basis.eigenvectors, settings.descriptors)
     if settings.features == "xyz+wks":
         # Coordinates span about ±0.3 at unit area; the signature is about 1.
         descriptors = np.concatenate([3 * basis.vertices, descriptors], axis=1)

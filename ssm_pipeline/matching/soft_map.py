@@ -63,8 +63,8 @@ class _SoftMaps(torch.autograd.Function):
         F_x, F_y, values_x, values_y, out_x, out_y, row_sum, column_sum = ctx.saved_tensors
         grad_x = gradients[0] / row_sum[:, None]
         grad_y = gradients[1] / column_sum[:, None]
-        # d loss / d similarity = E ∘ (g_x values_yᵀ − ⟨g_x, out_x⟩ + values_x g_yᵀ − ⟨g_y, out_y⟩ᵀ),
-        # the four terms as one matrix product.
+        # By the similarity: E ∘ (g_x values_yᵀ − ⟨g_x, out_x⟩ + values_x g_yᵀ − ⟨g_y, out_y⟩ᵀ), the
+        # four terms as one matrix product.
         left = torch.cat(
             [grad_x, -(grad_x * out_x).sum(1, True), values_x, values_x.new_ones(len(F_x), 1)], 1
         )

@@ -74,4 +74,5 @@ def spectral_loss(maps: PairMaps, weights: SpectralLossWeights) -> dict[str, tor
 
 
 def _off_identity(matrix: torch.Tensor) -> torch.Tensor:
-    return (matrix - torch.eye(len(matrix), dtype=matrix.dtype, device=matrix.device)).square().sum()
+    identity = torch.eye(len(matrix), dtype=matrix.dtype, device=matrix.device)
+    return (matrix - identity).square().sum()

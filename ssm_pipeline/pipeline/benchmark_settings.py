@@ -6,16 +6,18 @@ import functools
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 
 from ssm_pipeline.adaptation.settings import AdaptationSettings
-from ssm_pipeline.pipeline.settings import Method
 from ssm_pipeline.pipeline.study import checked_as, merge, parse_change, read_yaml
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.training.settings import TrainingSettings
+
+PairMethod = Literal["full", "no-adaptation", "spectral", "adaptation only", "nearest point"]
 
 
 class MatchingBenchmarkSettings(Settings):
@@ -25,7 +27,7 @@ class MatchingBenchmarkSettings(Settings):
     spectral: SpectralSettings = SpectralSettings()
     training: TrainingSettings = TrainingSettings()
     adaptation: AdaptationSettings = AdaptationSettings()
-    method: Method = "full"  # full, or one of its ablations
+    method: PairMethod = "full"  # full, or one of its ablations
 
 
 def read_preset(name: str, changes: Sequence[str] = ()) -> MatchingBenchmarkSettings:

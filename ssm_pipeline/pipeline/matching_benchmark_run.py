@@ -50,8 +50,6 @@ def run_matching(
                 f"{name} {wanted.start}:{wanted.stop} asked of {len(shapes.meshes)} shapes in "
                 f"{data}; give a range within 0:{len(shapes.meshes)}."
             )
-    if settings.method == "S3M" or settings.method == "S3M tuned":
-        raise StudyError(f"{settings.method} matches cohorts, not pairs; choose another method.")
 
     def basis(mesh: Mesh) -> SpectralBasis:
         path = folder / "bases" / f"{key_of(_content(mesh), settings.spectral)}.npz"

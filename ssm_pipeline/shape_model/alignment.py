@@ -20,14 +20,14 @@ def align(
     Source: Gower 1975; Dryden and Mardia 1998, ch. 4.
     """
     points = shapes.vertices
-    template = shapes.case_ids.index(shapes.template_id) if (
-        shapes.template_id in shapes.case_ids
-    ) else 0
+    template = (
+        shapes.case_ids.index(shapes.template_id) if (shapes.template_id in shapes.case_ids) else 0
+    )
     reference = points[template] - points[template].mean(axis=0)
     mean, size = reference, np.linalg.norm(reference)
     for _ in range(100):
         frames = [best_frame(shape, mean, with_scale=with_scale) for shape in points]
-        aligned = np.stack([frame.apply(shape) for frame, shape in zip(frames, points, strict=True)])
+        aligned = np.stack([f.apply(shape) for f, shape in zip(frames, points, strict=True)])
         new = aligned.mean(axis=0)
         if with_scale:  # or all shapes would shrink to a point together
             new *= size / np.linalg.norm(new)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssm_pipeline.records import Correspondence, CorrespondedShapes, Mesh
+from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 
 
 def collect(

@@ -12,9 +12,8 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(V, 3) unit normals, area-weighted."""
     per_face = face_normals(vertices, faces)
     corners = faces.ravel()
-    normals = np.stack(
-        [np.bincount(corners, np.repeat(per_face[:, d], 3), len(vertices)) for d in range(3)], axis=1
-    )
+    sums = [np.bincount(corners, np.repeat(per_face[:, d], 3), len(vertices)) for d in range(3)]
+    normals = np.stack(sums, axis=1)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
 
 

@@ -29,7 +29,8 @@ def choose_template(matcher: Matcher, bases: Sequence[SpectralBasis]) -> tuple[s
         .astype(int)
     )
     losses: list[list[float]] = [[] for _ in shapes]
-    for x, y in sorted({tuple(sorted((i, (i + o) % count))) for i in range(count) for o in offsets}):
+    pairs = {tuple(sorted((i, (i + o) % count))) for i in range(count) for o in offsets}
+    for x, y in sorted(pairs):
         loss, _ = pair_loss(
             shapes[x],
             shapes[y],

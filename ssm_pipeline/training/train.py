@@ -34,7 +34,8 @@ def train(
     if len(bases) < 2:
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
-    feature_network, interpolator = (net.to(device) for net in new_networks(settings, seed))
+    feature_network, interpolator = new_networks(settings, seed)
+    feature_network, interpolator = feature_network.to(device), interpolator.to(device)
     parameters = [*feature_network.parameters(), *interpolator.parameters()]
     optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate)
     history: list[dict[str, float]] = []

@@ -21,7 +21,13 @@ def pair():
 def objective_of(pair, samples=3000, stiffness=6.6e-5):
     x, y = pair
     return AdaptationObjective(
-        x.vertices, x.faces, x.stiffness, y.vertices, y.faces, samples, stiffness,
+        x.vertices,
+        x.faces,
+        x.stiffness,
+        y.vertices,
+        y.faces,
+        samples,
+        stiffness,
         np.random.default_rng(0),
     )
 
@@ -91,8 +97,11 @@ def test_a_stiff_shape_only_translates(pair):
 
 def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_vertex():
     template_mesh = blob(1)
-    turned = Mesh(template_mesh.vertices[::-1] + 3.0, len(template_mesh.vertices) - 1
-                  - template_mesh.faces, "case")
+    turned = Mesh(
+        template_mesh.vertices[::-1] + 3.0,
+        len(template_mesh.vertices) - 1 - template_mesh.faces,
+        "case",
+    )
     template, case = basis_of(template_mesh), basis_of(turned)
     match = correspond(template, case, None, AdaptationSettings(), "nearest point")
     # The case is the template moved and renumbered: each vertex must find itself.

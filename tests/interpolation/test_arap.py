@@ -9,8 +9,9 @@ from ssm_pipeline.matching.shape import to_shape
 
 
 def shape_of(seed=1):
-    return to_shape(basis_of(blob(seed, faces=200), 10), MatchingSettings(descriptors=8),
-                    dtype=torch.float64)
+    return to_shape(
+        basis_of(blob(seed, faces=200), 10), MatchingSettings(descriptors=8), dtype=torch.float64
+    )
 
 
 def test_a_rigid_motion_costs_nothing():
@@ -34,8 +35,9 @@ def test_a_stretch_costs_what_it_must():
 
 def test_gradient_against_finite_differences_through_the_rotations():
     shape = shape_of()
-    noise = torch.randn(2, *shape.vertices.shape, dtype=torch.float64,
-                        generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(
+        2, *shape.vertices.shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0)
+    )
     a = (shape.vertices + 0.02 * noise[0])[None].requires_grad_()
     b = (1.1 * shape.vertices + 0.02 * noise[1])[None].requires_grad_()
     arap_energy(a, b, shape.edges, shape.edge_weights).sum().backward()

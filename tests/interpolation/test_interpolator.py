@@ -8,8 +8,9 @@ from ssm_pipeline.matching.shape import to_shape
 
 
 def shape_of(seed):
-    return to_shape(basis_of(blob(seed, faces=300), 10), MatchingSettings(descriptors=8),
-                    dtype=torch.float64)
+    return to_shape(
+        basis_of(blob(seed, faces=300), 10), MatchingSettings(descriptors=8), dtype=torch.float64
+    )
 
 
 def test_ring_maximum_and_gradient_equal_the_plain_loop():

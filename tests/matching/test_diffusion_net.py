@@ -5,10 +5,9 @@ import torch
 from shapes import basis_of, blob
 
 from ssm_pipeline.matching.diffusion_net import FeatureNetwork
-from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.matching.settings import MatchingSettings, SpectralLossWeights
 from ssm_pipeline.matching.shape import to_shape
 from ssm_pipeline.matching.spectral_loss import pair_maps, spectral_loss
-from ssm_pipeline.matching.settings import SpectralLossWeights
 from ssm_pipeline.records import Mesh
 
 SETTINGS = MatchingSettings(descriptors=16, channels=24, width=12, blocks=2)

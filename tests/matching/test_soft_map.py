@@ -12,8 +12,9 @@ def dense(F_x, F_y, v_x, v_y, tau):
 def inputs(n_x=37, n_y=29, channels=8):
     generator = torch.Generator().manual_seed(1)
     shapes = [(n_x, channels), (n_y, channels), (n_x, 4), (n_y, 5)]
-    return [torch.randn(s, generator=generator, dtype=torch.float64, requires_grad=True)
-            for s in shapes]
+    return [
+        torch.randn(s, generator=generator, dtype=torch.float64, requires_grad=True) for s in shapes
+    ]
 
 
 def test_blocks_equal_the_dense_map_and_its_gradient():
@@ -38,7 +39,8 @@ def test_rows_sum_to_one_and_own_features_find_themselves():
     F = torch.eye(20, dtype=torch.float64)
     values = torch.arange(20.0, dtype=torch.float64)[:, None]
     ones = torch.ones(20, 1, dtype=torch.float64)
-    carried, back = soft_maps(F, F, torch.cat([values, ones], 1), torch.cat([values, ones], 1), 0.01)
+    both = torch.cat([values, ones], 1)
+    carried, back = soft_maps(F, F, both, both, 0.01)
     torch.testing.assert_close(carried[:, 1:], ones)
     torch.testing.assert_close(carried[:, :1], values)
     torch.testing.assert_close(back[:, :1], values)

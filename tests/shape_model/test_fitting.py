@@ -24,8 +24,11 @@ def test_an_instance_is_found_again_wherever_it_lies():
     model = smooth_model()
     truth = np.zeros(model.mode_count)
     truth[:2] = [1.2, -0.8]
-    pose = Frame(1.0, Rotation.from_euler("xyz", [12, -8, 15], degrees=True).as_matrix(),
-                 np.array([40.0, -20.0, 300.0]))
+    pose = Frame(
+        1.0,
+        Rotation.from_euler("xyz", [12, -8, 15], degrees=True).as_matrix(),
+        np.array([40.0, -20.0, 300.0]),
+    )
     # Another triangulation of the instance: no vertex of it is the model's.
     surface = Mesh(pose.apply(model.reconstruct(truth)), model.faces, "new")
     finer = surface.vertices[surface.faces].mean(axis=1)

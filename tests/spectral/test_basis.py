@@ -79,9 +79,9 @@ def test_wave_kernel_matches_the_plain_sum():
     sigma = 7 * (energies[1] - energies[0])
     for e, energy in enumerate(energies):
         weight = [np.exp(-((energy - log) ** 2) / (2 * sigma**2)) for log in logs]
-        plain = sum(
-            w * basis.eigenvectors[:, k + 1] ** 2 for k, w in enumerate(weight)
-        ) / sum(weight)
+        plain = sum(w * basis.eigenvectors[:, k + 1] ** 2 for k, w in enumerate(weight)) / sum(
+            weight
+        )
         np.testing.assert_allclose(wks[:, e], plain, rtol=1e-10)
 
 

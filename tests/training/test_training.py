@@ -55,9 +55,15 @@ def test_same_seed_same_bits_and_other_seed_others(bases, matcher):
 
 def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path):
     checkpoints = []
-    train(bases, SETTINGS, seed=5, on_checkpoint=lambda c: (
-        checkpoints.append(c.step), save_checkpoint(c, tmp_path / f"{c.step}.pt")
-    ))
+    train(
+        bases,
+        SETTINGS,
+        seed=5,
+        on_checkpoint=lambda c: (
+            checkpoints.append(c.step),
+            save_checkpoint(c, tmp_path / f"{c.step}.pt"),
+        ),
+    )
     assert checkpoints == [3, 6]
     resumed = train(bases, SETTINGS, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
     assert torch.equal(weights_of(matcher), weights_of(resumed))
