@@ -48,6 +48,7 @@ def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str
 def report_content(run: Run) -> ReportContent:
     """What the report shows, read from the files of a run's stages."""
     from ssm_pipeline.evaluation.model_quality import move_meshes
+    from ssm_pipeline.report.content import ReportContent
 
     frames = [run.frames[case_id] for case_id in run.cases]
     meshes = [run.mesh(case_id) for case_id in run.cases]

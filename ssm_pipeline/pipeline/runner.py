@@ -105,7 +105,7 @@ def _run_stage(
         seed=context.settings.seed,
         inputs=dict(inputs),
         versions=process.versions(),
-        finished_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        finished_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds"),
         seconds=round(time.perf_counter() - start, 2),
         peak_memory_mb=round(max(outcome.peak_memory_mb, process.peak_memory_mb()), 1),
         cases_in=list(context.case_keys),
