@@ -40,8 +40,8 @@ def test_every_command_and_option_named_exists():
     from ssm_pipeline import cli
 
     group = typer.main.get_command(cli.app)
-    options = {option for command in group.commands.values() for p in command.params
-               for option in p.opts}
+    commands = {**group.commands, **group.commands["benchmark"].commands}
+    options = {option for c in commands.values() for p in c.params for option in p.opts}
     for name in set(re.findall(r"`?workflow (\w+)", README)):
         assert name in group.commands, f"workflow {name}"
     lines = [line for line in README.splitlines() if "workflow" in line or "`--" in line]
