@@ -28,15 +28,16 @@ def compare(
     baseline: str,
     draws: int,
     generator: np.random.Generator,
-    modes: int | None = None,
+    modes: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
     """One row a method: G(M) and S(M) with standard errors, and the difference to the baseline.
 
     methods   name → Metrics of `evaluate_method`, all of the same cases, points and seed.
     draws     bootstrap resamplings of the cases.
-    modes     M; by default the most that every method has.
+    modes     M of each method; by default the same for all, the most that every method has.
 
-    Returns   method, modes, cases, points, then generalisation_<d>_mm, generalisation_<d>_se_mm,
+    Returns   method, modes, variance_percent (what M modes hold of the method's own variance),
+              cases, points, then generalisation_<d>_mm, generalisation_<d>_se_mm,
               specificity_<d>_mm, specificity_<d>_se_mm for d = chamfer, surface, hd95;
               generalisation_correspondence_mm; the means over all numbers of modes
               generalisation_chamfer_curve_mm, specificity_chamfer_curve_mm; and, for the Chamfer
@@ -48,35 +49,41 @@ def compare(
         raise ValueError(f"the baseline {baseline!r} is none of {sorted(methods)}")
     _require_alike(methods)
     if modes is None:
-        modes = min(
-            int(metrics.tables[table]["modes"].max())
-            for metrics in methods.values()
-            for table in ("generalisation", "specificity")
-        )
-    rows = [_row(name, metrics, modes) for name, metrics in methods.items()]
-    reference = methods[baseline].tables["generalisation"]
-    specificity = _at(methods[baseline].tables["specificity"], modes)["chamfer_mm"].item()
-    for row, metrics in zip(rows, methods.values(), strict=True):
-        cases = metrics.tables["generalisation"]
-        row |= paired_difference(cases, reference, "chamfer_mm", modes, draws, generator)
+        shared = set.intersection(*(set(_scored_modes(metrics)) for metrics in methods.values()))
+        modes = dict.fromkeys(methods, max(shared))  # one mode, at least, is always scored
+    rows = [_row(name, metrics, modes[name]) for name, metrics in methods.items()]
+    reference = _at(methods[baseline].tables["generalisation"], modes[baseline])
+    specificity = _at(methods[baseline].tables["specificity"], modes[baseline])["chamfer_mm"].item()
+    for row, (name, metrics) in zip(rows, methods.items(), strict=True):
+        cases = _at(metrics.tables["generalisation"], modes[name])
+        row |= paired_difference(cases, reference, "chamfer_mm", draws, generator)
         row["specificity_lower_percent"] = 100 * (1 - row["specificity_chamfer_mm"] / specificity)
     return pd.DataFrame(rows)
+
+
+def modes_holding(metrics: Metrics, share: float) -> int:
+    """The fewest modes that hold a share (0 … 1) of the variance, of the numbers scored.
+
+    Where no number scored holds so much (leaving a case out takes a mode away), the largest.
+    """
+    held = metrics.tables["compactness"].set_index("modes")["share"]
+    scored = _scored_modes(metrics)
+    return next((modes for modes in scored if held[modes] >= share), scored[-1])
 
 
 def paired_difference(
     cases: pd.DataFrame,
     baseline: pd.DataFrame,
     column: str,
-    modes: int,
     draws: int,
     generator: np.random.Generator,
 ) -> dict[str, float]:
     """Mean difference over the cases (method − baseline) with its 95 % bootstrap interval.
 
-    cases, baseline  tables a row per case and number of modes; compared case by case at `modes`.
+    cases, baseline  tables a row per case; compared case by case, by case_id.
     Source: percentile bootstrap over cases, Efron 1979.
     """
-    own, other = (_at(t, modes).set_index("case_id")[column] for t in (cases, baseline))
+    own, other = (table.set_index("case_id")[column] for table in (cases, baseline))
     difference = (own - other.loc[own.index]).to_numpy()
     picks = generator.integers(len(difference), size=(draws, len(difference)))
     low, high = np.percentile(difference[picks].mean(axis=1), [2.5, 97.5])
@@ -91,9 +98,11 @@ def paired_difference(
 def _row(name: str, metrics: Metrics, modes: int) -> dict[str, Any]:
     cases = _at(metrics.tables["generalisation"], modes)
     drawn = _at(metrics.tables["specificity"], modes)
+    held = _at(metrics.tables["compactness"], modes)["share"].item()
     row: dict[str, Any] = {
         "method": name,
         "modes": modes,
+        "variance_percent": 100 * held,
         "cases": len(cases),
         "points": int(cases["points"].iloc[0]),
     }
@@ -109,6 +118,14 @@ def _row(name: str, metrics: Metrics, modes: int) -> dict[str, Any]:
         curve = metrics.tables[table]
         row[f"{table}_chamfer_curve_mm"] = curve.groupby("modes")["chamfer_mm"].mean().mean()
     return row
+
+
+def _scored_modes(metrics: Metrics) -> list[int]:
+    """The numbers of modes, ascending, at which every case and the draws were scored."""
+    cases = metrics.tables["generalisation"]
+    counts = cases.groupby("modes").size()
+    complete = set(counts.index[counts == cases["case_id"].nunique()])
+    return sorted(int(modes) for modes in complete & set(metrics.tables["specificity"]["modes"]))
 
 
 def _at(table: pd.DataFrame, modes: int) -> pd.DataFrame:

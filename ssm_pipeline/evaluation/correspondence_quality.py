@@ -22,8 +22,8 @@ def correspondence_quality(
 ) -> pd.DataFrame:
     """Fit, orientation, coverage and bijectivity of each case's template.
 
-    shapes   (N, V, 3) mm with faces, aligned; meshes: N, in the same order and frame.
-    Returns  one row per case:
+    shapes   (N, V, 3) mm, aligned; meshes: N, in the same order and frame.
+    Returns  one row per case; NaN for what asks for the template's triangles where it has none:
         to_case_mm, to_case_hd95_mm       template vertices to the case's triangles
         from_case_mm, from_case_hd95_mm   case vertices to the template's triangles
         surface_mm, hd95_mm               mean of the two means, larger of the two HD95
@@ -42,7 +42,6 @@ def correspondence_quality(
     reference = shapes.vertices.mean(axis=0)
     rows = [
         _fit(vertices, shapes.faces, mesh)
-        | {"flipped_percent": 100 * flipped_share(vertices, shapes.faces, mesh)}
         | _coverage(vertices, mesh, settings, generator)
         | _bijectivity(vertices, reference, mesh)
         for vertices, mesh in zip(shapes.vertices, meshes, strict=True)
@@ -62,15 +61,19 @@ def flipped_share(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> float:
 
 def _fit(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> dict[str, float]:
     to_case = closest_points(vertices, mesh.vertices, mesh.faces).distances
+    to_hd95 = np.percentile(to_case, 95)
+    fit = {"to_case_mm": to_case.mean(), "to_case_hd95_mm": to_hd95}
+    if not len(faces):  # a point cloud: distances to points would not compare with these
+        from_template = ("from_case_mm", "from_case_hd95_mm", "surface_mm", "hd95_mm")
+        return fit | dict.fromkeys((*from_template, "flipped_percent"), np.nan)
     from_case = closest_points(mesh.vertices, vertices, faces).distances
-    to_hd95, from_hd95 = np.percentile(to_case, 95), np.percentile(from_case, 95)
-    return {
-        "to_case_mm": to_case.mean(),
-        "to_case_hd95_mm": to_hd95,
+    from_hd95 = np.percentile(from_case, 95)
+    return fit | {
         "from_case_mm": from_case.mean(),
         "from_case_hd95_mm": from_hd95,
         "surface_mm": 0.5 * (to_case.mean() + from_case.mean()),
         "hd95_mm": max(to_hd95, from_hd95),
+        "flipped_percent": 100 * flipped_share(vertices, faces, mesh),
     }
 
 

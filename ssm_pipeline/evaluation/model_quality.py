@@ -56,6 +56,7 @@ def generalisation(
     settings: EvaluationSettings,
     generator: np.random.Generator,
     with_scale: bool = False,
+    folds: Sequence[np.ndarray] | None = None,
 ) -> pd.DataFrame:
     """G(M): how well a model explains a case it was not built from.
 
@@ -65,32 +66,88 @@ def generalisation(
 
     aligned    N shapes, N >= 4. meshes: N, in the same frame and order (`move_meshes`).
     with_scale as in the alignment of the model.
-    Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out): case_id, modes,
+    folds      the cases held out at a time (`held_out_folds`); by default one.
+    Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out; with folds, as
+               many as the smallest model has, for all): case_id, modes,
                chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
                two samplings of the case's own mesh: what a perfect model would score), points.
                Without faces surface_mm and hd95_mm are NaN.
     """
     count = len(aligned.case_ids)
+    if folds is None:
+        folds = held_out_folds(count, 0, seed=0)
+    points = FixedPoints.of(
+        aligned.vertices.mean(axis=0), aligned.faces, settings.points, generator
+    )
+    limit = most_modes(folds)
+    table = pd.concat(
+        [
+            held_out_errors(
+                aligned, meshes, held_out, limit, points, settings, generator, with_scale
+            )
+            for held_out in folds
+        ]
+    )
+    order = {case_id: index for index, case_id in enumerate(aligned.case_ids)}
+    return table.sort_values(
+        by=["case_id", "modes"], key=lambda c: c.map(order) if c.name == "case_id" else c
+    ).reset_index(drop=True)
+
+
+def held_out_folds(count: int, folds: int, seed: int) -> list[np.ndarray]:
+    """The held-out cases (indices), fold by fold, each case exactly once; 0 folds: one at a time.
+
+    A function of these numbers alone, so that every method leaves out the same cases together.
+    Raises StudyError where fewer than 3 cases would remain for the model.
+    """
     if count < 4:
         raise StudyError(
             f"generalisation needs at least 4 cases, so that 3 remain when one is left out; "
             f"{count} found. Add cases, or look at the reasons why others were dropped."
         )
-    points = FixedPoints.of(
-        aligned.vertices.mean(axis=0), aligned.faces, settings.points, generator
-    )
-    rows = []
-    for held_out in _folds(count, settings.folds, generator):
-        model, frames = _model_without(aligned, held_out, with_scale)
-        for case, frame in zip(held_out, frames, strict=True):
-            mesh = _moved(meshes[case], frame)
-            shape = frame.apply(aligned.vertices[case])
-            rows += _reconstruction_errors(model, shape, mesh, points, settings, generator)
-    table = pd.DataFrame(rows)
-    order = {case_id: index for index, case_id in enumerate(aligned.case_ids)}
-    return table.sort_values(
-        by=["case_id", "modes"], key=lambda c: c.map(order) if c.name == "case_id" else c
-    ).reset_index(drop=True)
+    if folds == 0:
+        return [np.array([case]) for case in range(count)]
+    if not 2 <= folds <= count:
+        raise StudyError(f"folds is {folds} for {count} cases; 0 (one a time) or 2 … {count}.")
+    parts = np.array_split(np.random.default_rng(seed).permutation(count), folds)
+    remaining = count - max(map(len, parts))
+    if remaining < 3:
+        raise StudyError(
+            f"folds is {folds} for {count} cases, so that {remaining} remain when a fold is left "
+            "out; a shape model needs at least 3. Ask for more folds."
+        )
+    return [np.sort(part) for part in parts]
+
+
+def most_modes(folds: Sequence[np.ndarray]) -> int:
+    """The number of modes that the model without the largest fold has: every case is scored at
+    the same numbers, or a mean over the cases would be of different cases at each."""
+    return sum(map(len, folds)) - max(map(len, folds)) - 1
+
+
+def held_out_errors(
+    aligned: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    held_out: np.ndarray,
+    limit: int,
+    points: FixedPoints,
+    settings: EvaluationSettings,
+    generator: np.random.Generator,
+    with_scale: bool = False,
+) -> pd.DataFrame:
+    """`generalisation` of one fold: the cases `held_out` (indices), rebuilt by a model of the rest.
+
+    limit   the largest number of modes asked (`most_modes`).
+    points  where the Chamfer distance is measured, of a shape in the model's frame.
+    """
+    model, frames = _model_without(aligned, held_out, with_scale)
+    modes = mode_counts(min(limit, model.mode_count), settings.mode_counts)
+    rows: list[dict[str, object]] = []
+    for case, frame in zip(held_out, frames, strict=True):
+        mesh = _moved(meshes[case], frame)
+        shape = frame.apply(aligned.vertices[case])
+        rows += _reconstruction_errors(model, shape, mesh, modes, points, generator)
+    return pd.DataFrame(rows)
 
 
 def mean_over_cases(table: pd.DataFrame) -> pd.DataFrame:
@@ -112,8 +169,8 @@ def _reconstruction_errors(
     model: ShapeModel,
     shape: np.ndarray,
     mesh: Mesh,
+    mode_numbers: Sequence[int],
     points: FixedPoints,
-    settings: EvaluationSettings,
     generator: np.random.Generator,
 ) -> list[dict[str, object]]:
     """A row per number of modes for one held-out shape."""
@@ -125,7 +182,7 @@ def _reconstruction_errors(
     surface = SurfaceTarget.of(mesh.vertices, mesh.faces) if len(model.faces) else None
     scores = model.project(shape)
     rows: list[dict[str, object]] = []
-    for modes in mode_counts(model.mode_count, settings.mode_counts):
+    for modes in mode_numbers:
         rebuilt = model.reconstruct(scores[:modes])
         mean_mm, hd95_mm = np.nan, np.nan
         if surface is not None:
@@ -162,15 +219,6 @@ def _model_without(
         best_frame(aligned.vertices[case], model.mean, with_scale=with_scale) for case in held_out
     ]
     return model, frames
-
-
-def _folds(count: int, folds: int, generator: np.random.Generator) -> list[np.ndarray]:
-    """Held-out cases, fold by fold; each case exactly once."""
-    if folds == 0:
-        return [np.array([case]) for case in range(count)]
-    if not 2 <= folds <= count:
-        raise StudyError(f"folds is {folds} for {count} cases; 0 (one a time) or 2 … {count}.")
-    return [np.sort(part) for part in np.array_split(generator.permutation(count), folds)]
 
 
 def _moved(mesh: Mesh, frame: Frame) -> Mesh:

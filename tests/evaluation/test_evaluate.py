@@ -49,7 +49,10 @@ def test_point_clouds_are_scored_by_as_many_points(cohort, scored):
     shapes, meshes = cohort
     cloud = dataclasses.replace(shapes, faces=np.empty((0, 3), dtype=np.int64))
     metrics = evaluate_method("points", cloud, meshes, SETTINGS, seed=7)
-    assert "correspondence" not in metrics.tables
+    fit, of_mesh = metrics.tables["correspondence"], scored.tables["correspondence"]
+    assert fit["to_case_mm"].to_numpy() == pytest.approx(of_mesh["to_case_mm"].to_numpy())
+    assert fit[["surface_mm", "flipped_percent"]].isna().all(axis=None)
+    assert fit["distinct_percent"].eq(100).all()
     assert metrics.tables["generalisation"]["points"].eq(162).all()
     assert metrics.tables["generalisation"]["surface_mm"].isna().all()
     both = compare({"ours": scored, "points": metrics}, "points", 200, np.random.default_rng(0))
@@ -57,3 +60,13 @@ def test_point_clouds_are_scored_by_as_many_points(cohort, scored):
     assert both["generalisation_chamfer_mm"].iloc[0] == pytest.approx(
         both["generalisation_chamfer_mm"].iloc[1], rel=0.15
     )
+
+
+def test_a_thinned_curve_can_still_be_compared(cohort):
+    """Generalisation has a mode fewer than specificity: two even choices of numbers don't meet."""
+    settings = SETTINGS.model_copy(update={"mode_counts": 2, "samples": 5, "surface_samples": 2})
+    metrics = evaluate_method("ours", *cohort, settings, seed=7)
+    assert metrics.tables["generalisation"]["modes"].unique().tolist() == [1, 3]
+    assert metrics.tables["specificity"]["modes"].tolist() == [1, 3, 4]
+    table = compare({"ours": metrics}, "ours", 100, np.random.default_rng(0))
+    assert table["modes"].item() == 3

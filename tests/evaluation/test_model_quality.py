@@ -8,6 +8,7 @@ from synthetic_shapes import lattice, speckles, wavy_cohort
 from ssm_pipeline.evaluation.model_quality import (
     compactness,
     generalisation,
+    held_out_folds,
     mean_over_cases,
     move_meshes,
 )
@@ -106,10 +107,36 @@ def test_folds_hold_out_every_case_once():
     corresponded, meshes = wavy_cohort(7)
     aligned, frames = align(corresponded)
     moved = move_meshes(meshes, corresponded.case_ids, frames)
-    settings = EvaluationSettings(folds=3, points=200)
-    table = generalisation(aligned, moved, settings, np.random.default_rng(0))
-    assert table[table["modes"] == 1]["case_id"].tolist() == list(corresponded.case_ids)
-    assert table["modes"].max() == 4 - 1 or table["modes"].max() == 5 - 1  # 4 or 5 cases remain
+    settings, folds = EvaluationSettings(points=200), held_out_folds(7, 3, seed=5)
+    assert sorted(np.concatenate(folds)) == list(range(7))
+    table = generalisation(aligned, moved, settings, np.random.default_rng(0), folds=folds)
+    for modes in (1, 2, 3):  # 4 or 5 cases remain, and all are scored alike
+        assert table[table["modes"] == modes]["case_id"].tolist() == list(corresponded.case_ids)
+    assert table["modes"].max() == 3
+
+
+def test_a_held_out_fold_is_unknown_to_its_model():
+    """Whatever else is in the fold: its cases are scored as if it alone had been left out."""
+    corresponded, meshes = wavy_cohort(7)
+    aligned, frames = align(corresponded)
+    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    settings, folds = EvaluationSettings(points=200), [np.array([5, 6]), np.arange(5)[:2]]
+    rest = [np.array([case]) for case in (2, 3, 4)]
+    before = generalisation(aligned, moved, settings, np.random.default_rng(0), folds=folds + rest)
+    vertices = aligned.vertices.copy()
+    vertices[5] *= [1, 1, 3]  # a monster, held out together with case 6
+    changed = dataclasses.replace(aligned, vertices=vertices)
+    after = generalisation(changed, moved, settings, np.random.default_rng(0), folds=folds + rest)
+    column = "correspondence_mm"
+    for case_id, is_same in (("case_06", True), ("case_00", False)):
+        old, new = (t[t["case_id"] == case_id][column].to_numpy() for t in (before, after))
+        assert np.allclose(old, new, rtol=1e-9) == is_same, case_id
+
+
+def test_folds_are_the_same_for_every_method():
+    first, again = held_out_folds(22, 5, seed=3), held_out_folds(22, 5, seed=3)
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert sorted(map(len, first)) == [4, 4, 4, 5, 5]
 
 
 def test_mean_over_cases():
@@ -150,4 +177,6 @@ def test_clear_errors():
     with pytest.raises(StudyError, match="at least 4 cases"):
         generalisation(few, few_meshes, EvaluationSettings(), np.random.default_rng(0))
     with pytest.raises(StudyError, match="folds is 9"):
-        generalisation(corresponded, meshes, EvaluationSettings(folds=9), np.random.default_rng(0))
+        held_out_folds(5, 9, seed=0)
+    with pytest.raises(StudyError, match="2 remain"):
+        held_out_folds(4, 2, seed=0)
