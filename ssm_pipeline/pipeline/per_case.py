@@ -17,7 +17,7 @@ from typing import Any
 
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline import process
-from ssm_pipeline.records import CaseError
+from ssm_pipeline.records import CaseError, StudyError
 
 Row = dict[str, Any]  # one line of a stage's table: column name → number, text or None
 
@@ -63,7 +63,8 @@ def map_cases(
 ) -> list[CaseResult]:
     """Do the tasks not finished yet; results in the order of the tasks.
 
-    Raises CaseFailure for any error but a CaseError, which drops its case.
+    Raises CaseFailure for any error but a CaseError, which drops its case; StudyError where the
+    system killed a process.
     """
     finished = {task.case_id: finished_result(task, stage_folder) for task in tasks}
     results = {case_id: result for case_id, result in finished.items() if result is not None}
@@ -112,8 +113,15 @@ def _in_processes(
             yield run_case(task, stage_folder)
         return
     import joblib
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     # One thread a process: a case a core beats many cores a case, and sums keep their order.
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        yield from parallel(joblib.delayed(run_case)(task, stage_folder) for task in tasks)
+        try:
+            yield from parallel(joblib.delayed(run_case)(task, stage_folder) for task in tasks)
+        except TerminatedWorkerError as error:
+            raise StudyError(
+                f"a process was killed while {jobs} cases were worked on at a time, most often for "
+                "want of memory. Run again with fewer (--jobs); finished cases are kept."
+            ) from error

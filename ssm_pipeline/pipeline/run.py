@@ -114,7 +114,13 @@ class Run:
         return yaml.safe_load(self._file("study.yaml").read_text(encoding="utf-8"))
 
     def _file(self, *parts: str) -> Path:
+        """A file of a stage. Raises StudyError if it is absent, or its stage was cut off."""
         path = self.folder.joinpath(*parts)
+        if len(parts) > 1 and not (self.folder / parts[0] / "stage.json").exists():
+            raise StudyError(
+                f"{self.folder}: the stage {parts[0]} is not finished, so its files may be of "
+                "other settings. Let the run come to its end: workflow run."
+            )
         if not path.exists():
             raise StudyError(
                 f"{self.folder} has no {'/'.join(parts)}. Check the case id, or let the run come "

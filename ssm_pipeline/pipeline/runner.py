@@ -69,6 +69,8 @@ def run_study(
             is_current = record is not None and record.key == key
             if record is None or not is_current:
                 news += 1
+                for later in stages[number - 1 :]:  # until redone, what they hold is of the past
+                    (run_folder / later.name / "stage.json").unlink(missing_ok=True)
                 context = StageContext(
                     name=stage.name,
                     key=key,

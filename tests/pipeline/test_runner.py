@@ -164,6 +164,24 @@ def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench):
     assert bench.sum == "28"
 
 
+def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench):
+    write_masks(bench.masks, {"c": "kill"})
+    with pytest.raises(StudyError, match="want of memory"):
+        bench.run(jobs=2)
+    bench.run()
+    assert "c" in bench.worked_on
+    assert bench.sum == "28"
+
+
+def test_a_stage_cut_off_leaves_no_later_stage_looking_finished(bench: Bench):
+    bench.run()
+    write_masks(bench.masks, {"d": "bug"})
+    with pytest.raises(CaseFailure):
+        bench.run()
+    finished = {path.parent.name for path in (bench.folder / "runs/toy").glob("*/stage.json")}
+    assert finished == {"data"}
+
+
 def test_a_half_written_stage_record_can_not_exist(bench: Bench, monkeypatch: pytest.MonkeyPatch):
     bench.run()
     before = bench.stage_json("sum")
