@@ -45,6 +45,7 @@ def run_study(
     where a case breaks the code. What was finished stays, and the next run goes on from there.
     """
     process.keep_large_blocks()
+    process.yield_idle_threads()
     run_folder = options.runs / study
     data = "synthetic phantoms"
     if not isinstance(settings.data, PhantomData):
