@@ -7,6 +7,7 @@ everything the results depend on: present and with the same key, the case is fin
 from __future__ import annotations
 
 import dataclasses
+import os
 import shutil
 import time
 import traceback
@@ -105,6 +106,11 @@ def run_case(task: CaseTask, stage_folder: Path) -> CaseResult:
     return result
 
 
+def _run_in_worker(task: CaseTask, stage_folder: Path, parent: int) -> CaseResult:
+    process.end_with_parent(parent)
+    return run_case(task, stage_folder)
+
+
 def _in_processes(
     tasks: Sequence[CaseTask], stage_folder: Path, jobs: int
 ) -> Iterator[CaseResult]:
@@ -119,7 +125,8 @@ def _in_processes(
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
         try:
-            yield from parallel(joblib.delayed(run_case)(task, stage_folder) for task in tasks)
+            work = joblib.delayed(_run_in_worker)
+            yield from parallel(work(task, stage_folder, os.getpid()) for task in tasks)
         except TerminatedWorkerError as error:
             raise StudyError(
                 f"a process was killed while {jobs} cases were worked on at a time, most often for "

@@ -6,6 +6,9 @@ import io
 import json
 import multiprocessing
 import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pandas as pd
@@ -13,6 +16,7 @@ import pytest
 from rich.console import Console
 from toy_study import find_toys, toy_settings, toy_stages, write_masks
 
+from ssm_pipeline.pipeline import process
 from ssm_pipeline.pipeline.per_case import CaseFailure
 from ssm_pipeline.pipeline.runner import RunOptions, run_study
 from ssm_pipeline.pipeline.terminal import Terminal
@@ -154,10 +158,10 @@ def test_a_bug_names_the_case_and_leaves_the_rest_finished(bench: Bench, jobs: i
 
 def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench):
     write_masks(bench.masks, {"c": "kill"})  # the toy turns it into 7 before it dies
-    process = multiprocessing.get_context("fork").Process(target=bench.run)
-    process.start()
-    process.join(60)
-    assert process.exitcode == -9
+    run = multiprocessing.get_context("fork").Process(target=bench.run)
+    run.start()
+    run.join(60)
+    assert run.exitcode == -9
     assert bench.worked_on == ["a", "b", "c"]
     bench.run()
     assert bench.worked_on == ["c", "d"]
@@ -171,6 +175,44 @@ def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench):
     bench.run()
     assert "c" in bench.worked_on
     assert bench.sum == "28"
+
+
+def start_and_wait(parent_file: Path, child_file: Path) -> None:
+    """A parent with two workers, each of which writes its id and waits for good."""
+    from joblib import Parallel, delayed
+
+    parent_file.write_text(str(os.getpid()))
+    Parallel(n_jobs=2)(delayed(wait_for_good)(child_file, n, os.getpid()) for n in range(2))
+
+
+def wait_for_good(child_file: Path, number: int, parent: int) -> None:
+    process.end_with_parent(parent)
+    child_file.with_suffix(f".{number}").write_text(str(os.getpid()))
+    time.sleep(100)
+
+
+def test_workers_end_with_a_killed_run(tmp_path: Path):
+    parent_file, child_file = tmp_path / "parent", tmp_path / "child"
+    code = (
+        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
+        "import cloudpickle, toy_study, test_runner, pathlib\n"
+        "cloudpickle.register_pickle_by_value(test_runner)\n"
+        f"test_runner.start_and_wait(*map(pathlib.Path, {[str(parent_file), str(child_file)]}))\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code])
+    children = [child_file.with_suffix(f".{number}") for number in range(2)]
+    until = time.monotonic() + 60
+    while not all(path.exists() and path.read_text() for path in children):
+        assert time.monotonic() < until, "the workers did not start"
+        time.sleep(0.1)
+    parent.kill()
+    parent.wait()
+    alive = {int(path.read_text()) for path in children}
+    until = time.monotonic() + 20
+    while alive and time.monotonic() < until:
+        alive = {pid for pid in alive if Path(f"/proc/{pid}").exists()}
+        time.sleep(0.1)
+    assert not alive
 
 
 def test_a_stage_cut_off_leaves_no_later_stage_looking_finished(bench: Bench):
