@@ -107,7 +107,10 @@ def save_tables(metrics: Metrics, folder: Path) -> None:
 
 
 def load_tables(folder: Path) -> Metrics:
-    return Metrics({path.stem: pd.read_csv(path) for path in sorted(folder.glob("*.csv"))})
+    # Case ids stay text: "007" is no number.
+    as_text = {"case_id": str}
+    paths = sorted(folder.glob("*.csv"))
+    return Metrics({path.stem: pd.read_csv(path, dtype=as_text) for path in paths})
 
 
 def _to_json(value: Any) -> Any:

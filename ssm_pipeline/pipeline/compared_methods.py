@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
@@ -15,7 +16,10 @@ from ssm_pipeline.pipeline.settings import Method
 from ssm_pipeline.pipeline.stage import StageContext
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
 
-FULL: Method = "full"
+if TYPE_CHECKING:  # at run time inside the functions: reading a finished run needs no PyTorch
+    from ssm_pipeline.adaptation.correspond import Method as PairMethod
+
+FULL: Literal["full"] = "full"
 
 
 def method_folder(context: StageContext, method: str) -> Path:
@@ -34,11 +38,28 @@ def corresponded_shapes(
             settings = settings.tuned()
         return _by_s3m(context, method, settings, meshes)
     from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
-    from ssm_pipeline.shape_model.correspondence import collect
 
     matcher = None if method in WITHOUT_NETWORK else context.folder("training") / "matcher.pt"
-    folder = method_folder(context, method)
-    rests_on = (method, run.template_id, context.settings.adaptation)
+    template, folder = run.mesh(run.template_id), method_folder(context, method)
+    return matched_shapes(context, method, template, matcher, (), meshes, folder)
+
+
+def matched_shapes(
+    context: StageContext,
+    method: PairMethod,
+    template: Mesh,
+    matcher: Path | None,
+    matcher_rests_on: tuple[str, ...],
+    meshes: Sequence[Mesh],
+    folder: Path,
+) -> CorrespondedShapes:
+    """A template matched to every case, up to date in `folder`. Raises CaseError.
+
+    matcher_rests_on  what, beside the run's own training, decides the matcher.
+    """
+    from ssm_pipeline.shape_model.correspondence import collect
+
+    rests_on = (method, template.case_id, context.settings.adaptation, *matcher_rests_on)
     results = context.map_cases(
         [
             CaseTask(
@@ -46,7 +67,7 @@ def corresponded_shapes(
                 context.case_key(case_id, *rests_on),
                 partial(
                     correspond_case,
-                    context.case_file("spectral", run.template_id, "basis.npz"),
+                    context.case_file("spectral", template.case_id, "basis.npz"),
                     context.case_file("spectral", case_id, "basis.npz"),
                     matcher,
                     context.settings.adaptation,
@@ -65,7 +86,7 @@ def corresponded_shapes(
         storage.load(Correspondence, folder / case_id / "correspondence.npz")
         for case_id in context.case_keys
     ]
-    return collect(run.mesh(run.template_id), matches, meshes)
+    return collect(template, matches, meshes)
 
 
 def _by_s3m(

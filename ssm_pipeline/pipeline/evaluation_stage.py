@@ -7,23 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.compared_methods import FULL, corresponded_shapes, method_folder
+from ssm_pipeline.pipeline.evaluation_tables import TRUTH, comparisons, together, with_retrained
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
+from ssm_pipeline.pipeline.retrained_folds import retrained_generalisation
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.stage import Outcome, StageContext
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
 
-TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
-
 
 def evaluate_methods(context: StageContext) -> Outcome:
     """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
-    from ssm_pipeline.evaluation.comparison import compare
     from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
     from ssm_pipeline.shape_model.alignment import align
     from ssm_pipeline.shape_model.pca import build
@@ -43,21 +39,16 @@ def evaluate_methods(context: StageContext) -> Outcome:
     if truth is not None:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
         scores[TRUTH] = _scores(context, run, TRUTH, settings, None, true_shapes, meshes)
-    names = {name for metrics in scores.values() for name in metrics.tables}
-    tables = {
-        name: pd.concat(
-            [metrics.tables[name] for metrics in scores.values() if name in metrics.tables],
-            ignore_index=True,
-        )
-        for name in sorted(names)
-    }
+    tables = together(scores) | comparisons(scores, settings)
+    if settings.comparison.retrain:
+        retrained = retrained_generalisation(context, settings, meshes)
+        tables |= with_retrained(tables, retrained, settings)
     if truth is not None and not settings.shape_model.with_scale:
         floor = build(align(true_shapes)[0])
         tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
-    baseline = "S3M" if "S3M" in scores else FULL
-    generator = np.random.default_rng(context.seed)
-    draws = settings.evaluation.bootstrap_draws
-    tables["comparison"] = compare(scores, baseline, draws, generator)
+    for path in context.folder().glob("*.csv"):
+        if path.stem not in tables:  # of other settings; a reader would take it for this run's
+            path.unlink()
     storage.save_tables(Metrics(tables), context.folder())
     return Outcome(context.case_keys, note=f"{len(scores)} methods")
 
@@ -87,7 +78,9 @@ def _scores(
     """A method's tables, from its folder if they are up to date. Raises CaseError."""
     folder = method_folder(context, method)
     rests_on = (own_settings, run.template_id, settings.evaluation, settings.shape_model)
-    key = context.key_of(method, rests_on, settings.seed)
+    # What is scored of clouds has changed once: the last part keeps older scores from being used.
+    version = [] if len(shapes.faces) else ["fit and truth"]
+    key = context.key_of(method, rests_on, settings.seed, *version)
     work = partial(_write_scores, context, run, method, settings, shapes, meshes)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
     if result.dropped is not None:
@@ -118,10 +111,14 @@ def _write_scores(
     )
     storage.save_tables(metrics, folder)
     truth = context.cohort.truth
-    if truth is not None and len(shapes.faces):
+    if truth is not None:
         from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
 
-        errors = correspondence_errors(shapes, run.mesh(run.template_id), truth)
+        template = run.mesh(run.template_id)
+        if not len(shapes.faces):  # S3M's points are those of a template of its own
+            points = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
+            template = Mesh(points, shapes.faces, shapes.template_id)
+        errors = correspondence_errors(shapes, template, truth)
         errors.insert(0, "method", method)
         storage.save_tables(Metrics({"truth": errors}), folder)
     return {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.pipeline.benchmark_settings import MatchingBenchmarkSettings
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.process import keep_large_blocks
+from ssm_pipeline.pipeline.resumable_training import trained_matcher
 from ssm_pipeline.pipeline.terminal import Terminal
 from ssm_pipeline.records import Mesh, SpectralBasis, StudyError
 
@@ -35,7 +35,7 @@ def run_matching(
     checkpoint  a trained matcher (matcher.pt) to test instead of training one.
     Spectral bases, the trained matcher and the geodesic matrices are kept in `folder`.
     """
-    from ssm_pipeline.adaptation.correspond import correspond
+    from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK, correspond
     from ssm_pipeline.evaluation.matching_benchmark import run_matching_benchmark
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.training.matcher import load_matcher
@@ -57,11 +57,21 @@ def run_matching(
             storage.save(spectral_basis(mesh, settings.spectral), path)
         return storage.load(SpectralBasis, path)
 
-    matcher_path = checkpoint
-    if matcher_path is None:
-        training_meshes = [shapes.meshes[index] for index in train_on]
-        matcher_path = _trained(training_meshes, basis, folder, settings, device, terminal)
-    matcher = load_matcher(matcher_path, device)
+    matcher_path, is_trained = checkpoint, settings.method not in WITHOUT_NETWORK
+    if matcher_path is None and is_trained:
+        meshes = [shapes.meshes[index] for index in train_on]
+        rests_on = ([_content(mesh) for mesh in meshes], settings.spectral, settings.training)
+        matcher_path = trained_matcher(
+            lambda: [basis(mesh) for mesh in meshes],
+            settings.training,
+            settings.seed,
+            device,
+            folder,
+            key_of(*rests_on, settings.seed),
+            "training",
+            terminal,
+        )
+    matcher = load_matcher(matcher_path, device) if matcher_path is not None else None
 
     def predict(x: Mesh, y: Mesh) -> np.ndarray:
         match = correspond(basis(y), basis(x), matcher, settings.adaptation, settings.method)
@@ -77,7 +87,8 @@ def run_matching(
         return np.load(path)
 
     tested = shapes.subset(test_on)
-    overlap = set(train_on) & set(test_on) if checkpoint is None else set()
+    trained_on = matcher.trained_on if matcher is not None and is_trained else ()
+    overlap = {mesh.case_id for mesh in tested.meshes} & set(trained_on)
     seen = f" (trained on {len(overlap)} of the test shapes)" if overlap else ""
     method: str = settings.method + seen
     with terminal.steps("pairs", len(test_on) * (len(test_on) - 1)) as steps:
@@ -96,38 +107,6 @@ def run_matching(
             table.to_csv(temporary, index=False)
     _draw_curve(result.curve, result.summary, folder / "pck.png")
     return result.summary
-
-
-def _trained(
-    meshes: Sequence[Mesh],
-    basis: Callable[[Mesh], SpectralBasis],
-    folder: Path,
-    settings: MatchingBenchmarkSettings,
-    device: str,
-    terminal: Terminal,
-) -> Path:
-    """The matcher of these shapes and settings: read if it is there, else trained, resuming."""
-    from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
-    from ssm_pipeline.training.matcher import save_matcher
-    from ssm_pipeline.training.train import train
-
-    key = key_of([_content(m) for m in meshes], settings.spectral, settings.training, settings.seed)
-    path, checkpoint_path = folder / f"matcher-{key}.pt", folder / f"checkpoint-{key}.pt"
-    if path.exists():
-        return path
-    with terminal.steps("training", settings.training.steps) as steps:
-        matcher = train(
-            [basis(mesh) for mesh in meshes],
-            settings.training,
-            settings.seed,
-            device,
-            load_checkpoint(checkpoint_path) if checkpoint_path.exists() else None,
-            lambda checkpoint: save_checkpoint(checkpoint, checkpoint_path),
-            lambda step, losses: steps.advance_to(step, f"loss {losses['total']:.3g}"),
-        )
-    save_matcher(matcher, path)
-    checkpoint_path.unlink(missing_ok=True)
-    return path
 
 
 def _content(mesh: Mesh) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from data_prep.phantoms import PhantomSettings
 from ssm_pipeline.adaptation.settings import AdaptationSettings
@@ -69,6 +69,7 @@ class ComparisonSettings(Settings):
         "S3M",
     )
     s3m: S3MSettings = S3MSettings()
+    retrain: bool = False  # generalisation also with a matcher trained anew without each fold
 
 
 class ShapeModelSettings(Settings):
@@ -90,6 +91,16 @@ class StudySettings(Settings):
     evaluation: EvaluationSettings = EvaluationSettings()
     comparison: ComparisonSettings = ComparisonSettings()
     report: ReportSettings = ReportSettings()
+
+    @model_validator(mode="after")
+    def _folds_to_retrain(self) -> StudySettings:
+        if self.comparison.retrain and self.evaluation.folds < 2:
+            raise ValueError(
+                "comparison.retrain trains a matcher without each fold, and needs "
+                f"evaluation.folds of 2 or more; it is {self.evaluation.folds}. Pass --folds 5, "
+                "or set evaluation.folds"
+            )
+        return self
 
     def to_yaml(self) -> str:
         content: dict[str, Any] = self.model_dump(mode="json")

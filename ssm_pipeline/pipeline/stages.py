@@ -167,6 +167,7 @@ STAGES = (
         evaluate_methods,
         lambda s: {"evaluation": s.evaluation, "comparison": s.comparison, "seed": s.seed},
         needs=("shape_model",),
+        version=2,
     ),
     Stage("report", write_report, lambda s: s.report, needs=("evaluation",)),
 )

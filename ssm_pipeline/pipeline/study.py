@@ -158,6 +158,9 @@ def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind
             if problem["type"] == "extra_forbidden":
                 near = _nearest(where[-1], known.get(section, ()))
                 lines.append(f"there is no setting {'.'.join(where)}.{near}")
+            elif problem["type"] == "value_error":  # of ours: says itself what was found
+                place = f"{'.'.join(where)}: " if where else ""
+                lines.append(f"{place}{problem['ctx']['error']}")
             else:
                 lines.append(f"{'.'.join(where)}: {problem['msg']}; found {problem['input']!r}")
         raise StudyError(f"{path}: " + "\n  ".join(lines)) from error

@@ -168,7 +168,15 @@ def _chamfer_floor(content: ReportContent) -> str | None:
 
 def _other_tables(content: ReportContent) -> list[tuple[str, ReadableTable]]:
     """Tables that the page has no place of its own for, such as errors against a known truth."""
-    titles = {"truth": "Distance from the known truth"}
+    titles = {
+        "comparison_95": "Each method with as many modes as hold 95 % of its own variance",
+        "fit": "Fit of each method's correspondences, mean over the cases",
+        "paper": "The numbers published, on other data",
+        "recovered_modes": "Recovered modes of the known truth",
+        "retraining": "Generalisation to cases that the matcher has not seen",
+        "truth": "Distance from the known truth",
+        "truth_mean": "Distance from the known truth, mean over the cases",
+    }
     placed = {"compactness", "generalisation", "generalisation_mean", "specificity", "comparison"}
     return [
         (titles.get(name, heading(name)), readable(table))
