@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ssm_pipeline import storage
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
+from ssm_pipeline.pipeline import process
 from ssm_pipeline.pipeline.per_case import Row
 from ssm_pipeline.records import CaseSource, Correspondence, Mesh, SpectralBasis
 from ssm_pipeline.spectral.settings import SpectralSettings
@@ -60,7 +60,7 @@ def correspond_case(
     folder: Path,
 ) -> Row:
     """correspondence.npz, and path.npz where one is wanted."""
-    _quiet_sparse_beta()
+    process.quiet_sparse_beta()
     from ssm_pipeline.adaptation.correspond import correspond
     from ssm_pipeline.adaptation.path import shape_path
     from ssm_pipeline.training.matcher import load_matcher
@@ -73,8 +73,3 @@ def correspond_case(
     if with_path and matcher is not None:
         storage.save(shape_path(template, case, matcher, settings), folder / "path.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}
-
-
-def _quiet_sparse_beta() -> None:
-    """PyTorch says once a process that sparse CSR is in beta; a user can do nothing about it."""
-    warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")

@@ -46,6 +46,7 @@ def run_study(
     """
     process.keep_large_blocks()
     process.yield_idle_threads()
+    process.quiet_sparse_beta()
     run_folder = options.runs / study
     data = "synthetic phantoms"
     if not isinstance(settings.data, PhantomData):
