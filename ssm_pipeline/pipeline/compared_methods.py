@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.pipeline.case_work import correspond_case
+from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import Method
@@ -108,7 +109,10 @@ def _by_s3m(
         storage.save(result.points, folder / "points.npz")
         return {"template_id": result.template_id}
 
-    task = CaseTask("shapes", context.key_of(method, settings, context.seed), work)
+    # S3M reads the meshes alone: training our networks anew leaves its result as it is.
+    mesh_keys = context.done["meshing"].case_keys
+    rests_on = [mesh_keys[case_id] for case_id in context.case_keys]
+    task = CaseTask("shapes", key_of(method, settings, context.seed, rests_on), work)
     (result,) = context.map_cases([task], jobs=1, folder=folder)
     if result.dropped is not None:
         raise CaseError("in the comparison", result.dropped)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.compared_methods import FULL, corresponded_shapes, method_folder
 from ssm_pipeline.pipeline.evaluation_tables import TRUTH, comparisons, together, with_retrained
+from ssm_pipeline.pipeline.keys import key_of, key_of_arrays
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.retrained_folds import retrained_generalisation
 from ssm_pipeline.pipeline.run import Run
@@ -33,12 +33,11 @@ def evaluate_methods(context: StageContext) -> Outcome:
         except CaseError as error:  # a comparison that can't be made does not end the study
             context.terminal.say(f"      {method} left out: {error}")
             continue
-        own = settings.comparison.s3m if method.startswith("S3M") else settings.adaptation
-        scores[method] = _scores(context, run, method, settings, own, shapes, meshes)
+        scores[method] = _scores(context, run, method, settings, shapes, meshes)
     truth, template = context.cohort.truth, run.mesh(run.template_id)
     if truth is not None:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
-        scores[TRUTH] = _scores(context, run, TRUTH, settings, None, true_shapes, meshes)
+        scores[TRUTH] = _scores(context, run, TRUTH, settings, true_shapes, meshes)
     tables = together(scores) | comparisons(scores, settings)
     if settings.comparison.retrain:
         retrained = retrained_generalisation(context, settings, meshes)
@@ -71,16 +70,21 @@ def _scores(
     run: Run,
     method: str,
     settings: StudySettings,
-    own_settings: Any,
     shapes: CorrespondedShapes,
     meshes: Sequence[Mesh],
 ) -> Metrics:
     """A method's tables, from its folder if they are up to date. Raises CaseError."""
     folder = method_folder(context, method)
-    rests_on = (own_settings, run.template_id, settings.evaluation, settings.shape_model)
-    # What is scored of clouds has changed once: the last part keeps older scores from being used.
-    version = [] if len(shapes.faces) else ["fit and truth"]
-    key = context.key_of(method, rests_on, settings.seed, *version)
+    mesh_keys = context.done["meshing"].case_keys
+    key = key_of(
+        method,
+        key_of_arrays(shapes.vertices, shapes.faces),
+        [mesh_keys[case_id] for case_id in shapes.case_ids],
+        shapes.template_id,
+        settings.evaluation,
+        settings.shape_model,
+        settings.seed,
+    )
     work = partial(_write_scores, context, run, method, settings, shapes, meshes)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
     if result.dropped is not None:

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.storage import FORMAT_VERSION
 
@@ -25,6 +27,14 @@ def key_of_files(paths: Iterable[Path]) -> str:
         digest.update(path.suffix.encode())
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "blake2b").digest())
+    return digest.hexdigest()
+
+
+def key_of_arrays(*arrays: np.ndarray) -> str:
+    """Hash of the arrays' contents."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array))
     return digest.hexdigest()
 
 
