@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.storage import FORMAT_VERSION
 
@@ -34,8 +35,13 @@ def key_of_arrays(*arrays: np.ndarray) -> str:
     """Hash of the arrays' contents."""
     digest = hashlib.blake2b(digest_size=16)
     for array in arrays:
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def key_of_mesh(mesh: Mesh) -> str:
+    """Hash of a mesh's shape; its name does not count."""
+    return key_of_arrays(mesh.vertices, mesh.faces)
 
 
 def _plain(value: Any) -> Any:

@@ -10,7 +10,7 @@ import pandas as pd
 from data_prep.matching_folder import read_matching_folder
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.benchmark_settings import MatchingBenchmarkSettings
-from ssm_pipeline.pipeline.keys import key_of, key_of_arrays
+from ssm_pipeline.pipeline.keys import key_of, key_of_mesh
 from ssm_pipeline.pipeline.process import keep_large_blocks
 from ssm_pipeline.pipeline.resumable_training import trained_matcher
 from ssm_pipeline.pipeline.terminal import Terminal
@@ -51,7 +51,7 @@ def run_matching(
             )
 
     def basis(mesh: Mesh) -> SpectralBasis:
-        path = folder / "bases" / f"{key_of(key_of_arrays(mesh.vertices, mesh.faces), settings.spectral)}.npz"
+        path = folder / "bases" / f"{key_of(key_of_mesh(mesh), settings.spectral)}.npz"
         if not path.exists():
             storage.save(spectral_basis(mesh, settings.spectral), path)
         return storage.load(SpectralBasis, path)
@@ -59,7 +59,7 @@ def run_matching(
     matcher_path, is_trained = checkpoint, settings.method not in WITHOUT_NETWORK
     if matcher_path is None and is_trained:
         meshes = [shapes.meshes[index] for index in train_on]
-        rests_on = ([key_of_arrays(mesh.vertices, mesh.faces) for mesh in meshes], settings.spectral, settings.training)
+        rests_on = ([key_of_mesh(mesh) for mesh in meshes], settings.spectral, settings.training)
         matcher_path = trained_matcher(
             lambda: [basis(mesh) for mesh in meshes],
             settings.training,
@@ -79,7 +79,7 @@ def run_matching(
     def geodesics(mesh: Mesh) -> np.ndarray:
         from ssm_pipeline.geometry.geodesics import geodesic_matrix
 
-        path = folder / "geodesics" / f"{key_of(key_of_arrays(mesh.vertices, mesh.faces))}.npy"
+        path = folder / "geodesics" / f"{key_of(key_of_mesh(mesh))}.npy"
         if not path.exists():
             with storage.written_whole(path) as temporary:
                 np.save(temporary, geodesic_matrix(mesh.vertices, mesh.faces).astype(np.float32))
