@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # for tiny_study
+sys.path.insert(0, str(Path(__file__).parent))  # for tiny_study and command_line
+from command_line import Said, Workflow
 
 
 @pytest.fixture(scope="session")
@@ -13,3 +14,22 @@ def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("tiny")
     return run_tiny(write_balls(folder / "masks"), folder / "runs")
+
+
+@pytest.fixture
+def workflow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Workflow:
+    """Call the command as a shell in an empty folder would, without the cost of a process."""
+    from ssm_pipeline import cli
+
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> Said:
+        monkeypatch.setattr(sys, "argv", ["workflow", *words])
+        with pytest.raises(SystemExit) as ending:
+            cli.main()
+        out = capsys.readouterr()
+        return Said(int(ending.value.code or 0), out.out, out.err)
+
+    return call

@@ -6,43 +6,13 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import yaml
-
-from ssm_pipeline import cli
+from command_line import Workflow
 
 ROOT = Path(__file__).parents[1]
-
-
-@dataclass(frozen=True)
-class Said:
-    code: int
-    stdout: str
-    stderr: str
-
-
-Workflow = Callable[..., Said]
-
-
-@pytest.fixture
-def workflow(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Workflow:
-    """Call the command as a shell in an empty folder would, without the cost of a process."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> Said:
-        monkeypatch.setattr(sys, "argv", ["workflow", *words])
-        with pytest.raises(SystemExit) as ending:
-            cli.main()
-        out = capsys.readouterr()
-        return Said(int(ending.value.code or 0), out.out, out.err)
-
-    return call
 
 
 def test_help_names_every_command(workflow: Workflow):

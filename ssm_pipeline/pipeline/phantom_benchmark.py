@@ -61,8 +61,8 @@ def _rows(cohort: str, folder: Path) -> list[dict[str, object]]:
                 "geodesic_x100": own["geodesic_x100"].mean(),
                 "geodesic_mm": own["geodesic_mm"].mean(),
                 "worst_case_x100": own["geodesic_x100"].max(),
-                "generalisation_mm": row.generalisation_mm,
-                "specificity_mm": row.specificity_mm,
+                "generalisation_mm": row.generalisation_chamfer_mm,
+                "specificity_mm": row.specificity_chamfer_mm,
             }
         )
     return rows
