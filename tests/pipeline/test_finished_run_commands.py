@@ -1,0 +1,140 @@
+"""`workflow evaluate`, `figures` and `view`: what can be done with a finished run."""
+
+from __future__ import annotations
+
+import shutil
+import webbrowser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import torch
+from command_line import Workflow
+
+from ssm_pipeline import load_run, storage
+from ssm_pipeline.evaluation.model_quality import held_out_folds
+from ssm_pipeline.records import Metrics
+from ssm_pipeline.training import train as training
+
+RETRAINED = "full, retrained folds"
+GENERALISATION = ("generalisation", "generalisation_mean")
+
+
+@pytest.fixture
+def run_copy(tiny_run: Path, tmp_path: Path) -> Path:
+    copy = tmp_path / "runs" / tiny_run.name
+    shutil.copytree(tiny_run, copy)
+    return copy
+
+
+def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path):
+    before = {path: path.stat().st_mtime_ns for path in run_copy.glob("*/stage.json")}
+    said = workflow("evaluate", str(run_copy), "--samples", "25", "--jobs", "1")
+    assert said.code == 0, said.stderr
+    assert f"report: {run_copy / 'report' / 'index.html'}" in said.stdout
+    renewed = {p.parent.name for p, stamp in before.items() if p.stat().st_mtime_ns != stamp}
+    assert renewed == {"evaluation", "report"}
+    tables = load_run(run_copy).metrics.tables
+    assert set(tables["specificity"]["samples"]) == {25}
+    assert set(tables["comparison_95"]["method"]) == {"full", "adaptation only", "S3M"}
+    assert "retraining" not in tables
+    saw_case = tables["generalisation"].groupby("method")["matcher_saw_case"].all()
+    assert saw_case.to_dict() == {"full": True, "adaptation only": False, "S3M": True}
+
+
+def test_retrained_folds_never_see_the_cases_they_are_asked_about(
+    workflow: Workflow, run_copy: Path, monkeypatch: pytest.MonkeyPatch
+):
+    words = ("evaluate", str(run_copy), "--folds", "4", "--retrain", "--jobs", "1")
+    said = workflow(*words)
+    assert said.code == 0, said.stderr
+    run = load_run(run_copy)
+    cases, folds = run.cases, held_out_folds(4, 4, run.settings["seed"])
+    for number, held_out in enumerate(folds, start=1):
+        folder = run_copy / "evaluation" / "retrained-folds" / f"fold-{number}"
+        (matcher,) = folder.glob("matcher-*.pt")
+        seen = torch.load(matcher, weights_only=True)["trained_on"]
+        assert set(seen) == set(cases) - {cases[held_out[0]]}
+        template_id = storage.read_json(next(folder.glob("*.template.json")))["template_id"]
+        assert template_id in seen
+        asked = storage.load_tables(folder / "errors").tables["generalisation"]["case_id"]
+        assert set(asked) == {cases[held_out[0]]}
+    tables = run.metrics.tables
+    for name in GENERALISATION:
+        own = tables[name][tables[name]["method"] == RETRAINED]
+        assert not own["matcher_saw_case"].any()
+        assert not own.isna().any(axis=None)
+    chamfer = tables["generalisation"].set_index(["method", "modes", "case_id"])["chamfer_mm"]
+    chamfer = chamfer.sort_index()
+    assert set(chamfer[RETRAINED].index) == set(chamfer["full"].index)
+    assert RETRAINED not in set(tables["comparison"]["method"])  # it has no specificity
+    row = tables["retraining"].iloc[0]
+    expected = (chamfer[RETRAINED, 2] - chamfer["full", 2]).mean()
+    assert row["difference_mm"] == pytest.approx(expected)
+    assert row["difference_low_mm"] <= expected <= row["difference_high_mm"]
+
+    # What is finished is kept: the same folds after another change train nothing.
+    monkeypatch.setattr(training, "pair_loss", lambda *a: pytest.fail("trained again"))
+    assert workflow(*words, "--samples", "21").code == 0
+    # And without --retrain its tables are gone.
+    back = workflow("evaluate", str(run_copy), "--set", "comparison.retrain=false")
+    assert back.code == 0
+    tables = load_run(run_copy).metrics.tables
+    assert "retraining" not in tables
+    assert RETRAINED not in set(tables["generalisation"]["method"])
+
+
+def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path):
+    settings = (run_copy / "study.yaml").read_text()
+    said = workflow("evaluate", str(run_copy), "--retrain")
+    assert said.code == 1
+    assert "needs evaluation.folds of 2 or more; it is 0. Pass --folds 5" in said.stderr
+    assert (run_copy / "study.yaml").read_text() == settings
+    said = workflow("evaluate", str(run_copy), "--folds", "2")
+    assert said.code == 1
+    assert "2 remain when a fold is left out" in said.stderr
+
+
+def test_evaluate_wants_a_run(workflow: Workflow, tmp_path: Path):
+    said = workflow("evaluate", str(tmp_path / "nowhere"))
+    assert said.code == 1
+    assert "holds no run; give a folder such as runs/luna16" in said.stderr
+
+
+def test_figures_in_the_formats_asked_for(workflow: Workflow, run_copy: Path):
+    changes = ("--set", "dpi=60", "--set", "modes=1")
+    said = workflow(
+        "figures", "luna16", "--runs", str(run_copy.parent), "--format", "png", *changes
+    )
+    assert said.code == 0, said.stderr
+    written = [Path(line) for line in said.stdout.split()]
+    assert {path.suffix for path in written} == {".png"}
+    assert len(written) >= 4
+    assert all(path.parent == run_copy / "figures" for path in written)
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
+    wrong = workflow("figures", "luna16", "--runs", str(run_copy.parent), "--set", "dpis=60")
+    assert wrong.code == 1
+    assert "there is no setting dpis. Did you mean dpi?" in wrong.stderr
+
+
+def test_view_opens_the_page(
+    workflow: Workflow, run_copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    said = workflow("view", "luna16")
+    assert said.code == 0, said.stderr
+    assert opened == [(tmp_path / "runs/luna16/report/index.html").as_uri()]
+    missing = workflow("view", "hippocampus")
+    assert missing.code == 1
+    assert "make it with: workflow run hippocampus" in missing.stderr
+    assert len(opened) == 1
+
+
+def test_case_ids_that_look_like_numbers_stay_text(tmp_path: Path):
+    storage.save_tables(
+        Metrics({"fit": pd.DataFrame({"case_id": ["007"], "x_mm": [1.0]})}), tmp_path
+    )
+    table = storage.load_tables(tmp_path).tables["fit"]
+    assert table.loc[0, "case_id"] == "007"
+    assert table.loc[0, "x_mm"] == 1.0
