@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["load_run"]
+if TYPE_CHECKING:
+    from ssm_pipeline.pipeline.from_python import run
+    from ssm_pipeline.pipeline.run import load_run
+
+__all__ = ["load_run", "run"]
 
 
 def __getattr__(name: str) -> Any:
-    """`load_run`, imported when first asked for: importing the package stays instant."""
+    """`load_run` and `run`, imported when first asked for: importing the package stays instant."""
     if name == "load_run":
         from ssm_pipeline.pipeline.run import load_run
 
         return load_run
+    if name == "run":
+        from ssm_pipeline.pipeline.from_python import run
+
+        return run
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

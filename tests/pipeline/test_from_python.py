@@ -1,0 +1,30 @@
+"""`ssm_pipeline.run`: what `workflow run` does, as a function."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import ssm_pipeline
+from ssm_pipeline.records import StudyError
+
+
+def test_a_finished_study_is_read_back_and_nothing_is_done_again(
+    tiny_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    study = tmp_path / f"{tiny_run.name}.yaml"
+    shutil.copy(tiny_run / "study.yaml", study)
+    # Its own values over it; 6.6e-05 is a word, not a number, to a careless YAML writer.
+    settings = {"adaptation.stiffness": 6.6e-5, "data.labels": [3]}
+    run = ssm_pipeline.run(study, settings=settings, runs=tiny_run.parent, jobs=1)
+    assert "nothing to do" in capsys.readouterr().out
+    assert run.folder == tiny_run
+    assert run.model.mode_count == 3
+
+
+def test_a_setting_that_does_not_exist_is_refused_by_name(tmp_path: Path):
+    with pytest.raises(StudyError, match=r"training\.stepz\. Did you mean steps"):
+        ssm_pipeline.run("luna16", settings={"training.stepz": 3}, runs=tmp_path)
+    assert not list(tmp_path.iterdir())
