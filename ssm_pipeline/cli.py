@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -252,6 +253,9 @@ def figures(
 
 def main() -> None:
     """Entry point: errors a user can mend are one message, not a traceback."""
+    # OpenMP threads that wait shall sleep, not spin: beside other work on the cores, spinning
+    # doubled a training step. Read when the first library loads OpenMP, so it is set before all.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         app()
     except KeyboardInterrupt:

@@ -36,16 +36,6 @@ def keep_large_blocks() -> bool:
     return bool(mallopt(M_MMAP_MAX, 0) and mallopt(M_TRIM_THRESHOLD, 2**31 - 1))
 
 
-def yield_idle_threads() -> None:
-    """Let OpenMP threads sleep, not spin, while they wait for each other.
-
-    With anything else on the cores, spinning threads hold up the very thread they wait for: a
-    training step then took up to ten times as long. Must come before PyTorch is loaded; a setting
-    of the user's own stays.
-    """
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
-
 def forget_peak_memory() -> None:
     """Start the peak afresh, so that it belongs to one stage (Linux; elsewhere it accumulates)."""
     try:
