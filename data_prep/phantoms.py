@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
-from pydantic import Field
 from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
@@ -20,23 +19,14 @@ from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToIm
 
 from data_prep import luna16
 from data_prep.phantom_lung import CENTRE, mean_lung, mode_fields
+from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline import storage
 from ssm_pipeline.records import Cohort, Frame, PhantomTruth, StudyError
-from ssm_pipeline.settings import Settings
 
 GENERATOR_VERSION = 1  # raise it when the same settings give other phantoms
 MAX_SCORE_NORM = 4.0  # scores beyond are drawn again; up to here no surface can meet itself
 _SETTINGS_FILE, _TRUTH_FILE = "phantoms.json", "truth.npz"
 _MARGIN_MM = 6.0
-
-
-class PhantomSettings(Settings):
-    cases: int = Field(12, ge=2)  # scans
-    modes: int = Field(5, ge=1, le=6)  # ways to vary, scores of standard deviation 1 each
-    seed: int = 0
-    spacing_mm: tuple[float, float, float] = (1.0, 1.0, 1.5)  # mm, voxel size along x, y, z
-    max_rotation_deg: float = Field(0.0, ge=0, le=180)  # degrees, about a random axis, a case
-    translation_mm: float = Field(5.0, ge=0)  # mm, standard deviation along each axis
 
 
 def make_cohort(folder: Path, settings: PhantomSettings | None = None) -> Cohort:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import Field, model_validator
 
-from data_prep.phantoms import PhantomSettings
+from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.evaluation.settings import EvaluationSettings
