@@ -251,6 +251,28 @@ def figures(
         typer.echo(str(path))
 
 
+@app.command()
+def export(
+    study: StudyName,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--to", help="Where to; the run's own export folder.", show_default=False),
+    ] = None,
+    formats: Annotated[
+        str, typer.Option("--format", help="Some of these, with commas.")
+    ] = "npz,csv,glb,ply,vtp,statismo,shapeworks",
+    pseudonymise: Annotated[
+        bool, typer.Option("--pseudonymise", help="case_001 … in place of case ids.")
+    ] = False,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """The model for other programs: 3D Slicer, Blender, Scalismo, ShapeWorks, spreadsheets."""
+    from ssm_pipeline.pipeline.export_run import export_run
+
+    for path in export_run(runs / Path(study).stem, folder, formats.split(","), pseudonymise):
+        typer.echo(str(path))
+
+
 def main() -> None:
     """Entry point: errors a user can mend are one message, not a traceback."""
     # OpenMP threads that wait shall sleep, not spin: beside other work on the cores, spinning
