@@ -36,7 +36,7 @@ def execute(name: str, folder: Path) -> nbformat.NotebookNode:
 def outputs(notebook: nbformat.NotebookNode) -> list[list[str]]:
     """A row a code cell: the kinds of what it shows."""
     return [
-        [kind for output in cell.outputs for kind in output.get("data", {output.get("name"): 0})]
+        sorted(kind for out in cell.outputs for kind in out.get("data", {out.get("name"): 0}))
         for cell in notebook.cells
         if cell.cell_type == "code"
     ]
@@ -62,8 +62,8 @@ def test_masks_to_model(first: nbformat.NotebookNode, workplace: Path):
 def test_modes_of_variation_and_its_sliders(workplace: Path):
     notebook = execute(SECOND, workplace)
     assert outputs(notebook) == outputs(read(SECOND))
-    shown = [cell.outputs[0].data for cell in notebook.cells if cell.get("outputs")][-1]
-    picture = Image.open(io.BytesIO(base64.b64decode(shown["image/png"]))).convert("RGB")
+    png = [cell for cell in notebook.cells if cell.get("outputs")][-1].outputs[0].data["image/png"]
+    picture = Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")
     shape = np.asarray(picture, dtype=int)[: int(0.75 * picture.height)]  # without the colour bar
     # The mean is drawn in greys; only a shape that the sliders moved has blue and red on it.
     assert np.abs(shape[..., 0] - shape[..., 2]).max() > 50

