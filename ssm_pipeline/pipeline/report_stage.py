@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from ssm_pipeline.pipeline.evaluation_stage import FULL
+from ssm_pipeline.pipeline.keys import key_of_files
+from ssm_pipeline.pipeline.landmark_file import landmarks_on_template, read_landmarks
 from ssm_pipeline.pipeline.process import versions
 from ssm_pipeline.pipeline.run import Run, load_run
+from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.stage import Outcome, StageContext
 from ssm_pipeline.pipeline.study import checked_as, merge, parse_change
 from ssm_pipeline.report.settings import FigureSettings
@@ -20,11 +24,23 @@ if TYPE_CHECKING:
     from ssm_pipeline.report.content import ReportContent
 
 
+def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
+    """Its settings, and what the landmark file holds. Raises StudyError if it can't be read."""
+    path = settings.report.landmarks
+    if path is None:
+        return {"report": settings.report}
+    read_landmarks(path)
+    return {"report": settings.report, "landmarks": key_of_files([path])}
+
+
 def write_report(context: StageContext) -> Outcome:
     """index.html: the page, one file."""
     from ssm_pipeline.report.page import write_page
 
-    content = report_content(Run(context.run_folder))
+    run, path = Run(context.run_folder), context.settings.report.landmarks
+    content = report_content(run)
+    if path is not None:
+        content = dataclasses.replace(content, landmarks=landmarks_on_template(path, run))
     write_page(content, context.folder() / "index.html", context.settings.report)
     return Outcome(context.case_keys)
 

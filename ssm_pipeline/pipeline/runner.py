@@ -51,6 +51,8 @@ def run_study(
     if not isinstance(settings.data, PhantomData):
         data = f"the masks in {settings.data.folder}"
     is_synthetic = isinstance(settings.data, PhantomData)
+    # Before any work: a file that they name and that can't be read says so now, not hours later.
+    kept_settings = {stage.name: stage.settings(settings) for stage in stages}
     with alone_in(run_folder):
         if aside := make_room(run_folder, study, is_synthetic):
             terminal.say(f"the phantom results that were in {run_folder} are now in {aside}")
@@ -64,7 +66,7 @@ def run_study(
         news = 0
         for number, stage in enumerate(stages, start=1):
             inputs = {need: done[need].key for need in stage.needs} or file_keys
-            kept = stage.settings(settings)
+            kept = kept_settings[stage.name]
             key = key_of(stage.name, stage.version, kept, inputs)
             record = StageRecord.read(run_folder / stage.name)
             is_current = record is not None and record.key == key

@@ -15,7 +15,7 @@ from ssm_pipeline.pipeline.case_work import basis_case, correspond_case, mesh_ca
 from ssm_pipeline.pipeline.cohort import what_a_case_rests_on
 from ssm_pipeline.pipeline.evaluation_stage import evaluate_methods
 from ssm_pipeline.pipeline.per_case import CaseTask
-from ssm_pipeline.pipeline.report_stage import write_report
+from ssm_pipeline.pipeline.report_stage import what_the_report_rests_on, write_report
 from ssm_pipeline.pipeline.run import Frames, Run
 from ssm_pipeline.pipeline.stage import Outcome, Stage, StageContext
 from ssm_pipeline.pipeline.training_stage import train_matcher
@@ -169,5 +169,5 @@ STAGES = (
         needs=("shape_model",),
         version=2,
     ),
-    Stage("report", write_report, lambda s: s.report, needs=("evaluation",)),
+    Stage("report", write_report, what_the_report_rests_on, needs=("evaluation",)),
 )
