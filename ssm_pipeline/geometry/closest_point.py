@@ -29,6 +29,11 @@ def closest_points(queries: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
         np.ascontiguousarray(points),
         *(np.ascontiguousarray(corners[:, corner]) for corner in range(3)),
     )
+    # A triangle without area (a matched template can have some) has no barycentric coordinates:
+    # there, the nearest corner stands for the point.
+    flat = ~np.isfinite(weights).all(axis=1)
+    nearest = np.linalg.norm(corners[flat] - points[flat, None], axis=2).argmin(axis=1)
+    weights[flat] = np.eye(3)[nearest]
     weights = np.clip(weights, 0, None)  # round-off on edges
     weights /= weights.sum(axis=1, keepdims=True)
     return ClosestPoints(points, face.astype(np.int64), weights, np.sqrt(np.maximum(squared, 0)))
