@@ -24,7 +24,7 @@ def evaluate_methods(context: StageContext) -> Outcome:
     from ssm_pipeline.shape_model.alignment import align
     from ssm_pipeline.shape_model.pca import build
 
-    run, settings = Run(context.run_folder), _with_equal_points(context.settings)
+    run, settings = Run(context.run_folder), context.settings
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
     scores: dict[str, Metrics] = {}
     for method in (FULL, *(method for method in settings.comparison.methods if method != FULL)):
@@ -33,11 +33,11 @@ def evaluate_methods(context: StageContext) -> Outcome:
         except CaseError as error:  # a comparison that can't be made does not end the study
             context.terminal.say(f"      {method} left out: {error}")
             continue
-        scores[method] = _scores(context, run, method, settings, shapes, meshes)
+        scores[method] = _scores(context, method, settings, shapes, meshes)
     truth, template = context.cohort.truth, run.mesh(run.template_id)
     if truth is not None:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
-        scores[TRUTH] = _scores(context, run, TRUTH, settings, true_shapes, meshes)
+        scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes)
     tables = together(scores) | comparisons(scores, settings)
     if settings.comparison.retrain:
         retrained = retrained_generalisation(context, settings, meshes)
@@ -52,22 +52,8 @@ def evaluate_methods(context: StageContext) -> Outcome:
     return Outcome(context.case_keys, note=f"{len(scores)} methods")
 
 
-def _with_equal_points(settings: StudySettings) -> StudySettings:
-    """S3M gives clouds of so many points; every method is scored with as many, or no more.
-
-    Chamfer distances grow as points get fewer, so unlike numbers would favour one of the methods.
-    """
-    if not any(method.startswith("S3M") for method in settings.comparison.methods):
-        return settings
-    points = min(settings.evaluation.points, settings.comparison.s3m.points)
-    return settings.model_copy(
-        update={"evaluation": settings.evaluation.model_copy(update={"points": points})}
-    )
-
-
 def _scores(
     context: StageContext,
-    run: Run,
     method: str,
     settings: StudySettings,
     shapes: CorrespondedShapes,
@@ -85,7 +71,7 @@ def _scores(
         settings.shape_model,
         settings.seed,
     )
-    work = partial(_write_scores, context, run, method, settings, shapes, meshes)
+    work = partial(_write_scores, context, method, settings, shapes, meshes)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
     if result.dropped is not None:
         raise CaseError(method, result.dropped)
@@ -94,7 +80,6 @@ def _scores(
 
 def _write_scores(
     context: StageContext,
-    run: Run,
     method: str,
     settings: StudySettings,
     shapes: CorrespondedShapes,
@@ -118,10 +103,9 @@ def _write_scores(
     if truth is not None:
         from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
 
-        template = run.mesh(run.template_id)
-        if not len(shapes.faces):  # S3M's points are those of a template of its own
-            points = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
-            template = Mesh(points, shapes.faces, shapes.template_id)
+        # S3M has a template of its own, of other points.
+        own = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
+        template = Mesh(own, shapes.faces, shapes.template_id)
         errors = correspondence_errors(shapes, template, truth)
         errors.insert(0, "method", method)
         storage.save_tables(Metrics({"truth": errors}), folder)

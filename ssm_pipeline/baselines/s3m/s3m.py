@@ -26,6 +26,7 @@ from ssm_pipeline.baselines.s3m.samples import (
     training_samples,
 )
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
+from ssm_pipeline.baselines.s3m.surface import joining_faces
 from ssm_pipeline.baselines.s3m.training import descriptors, random_descriptors, train
 from ssm_pipeline.geometry.geodesics import geodesics_from
 from ssm_pipeline.geometry.surface import area
@@ -39,7 +40,7 @@ class S3MResult:
     """What S3M leaves.
 
     points          vertices (N, n, 3) mm, each case's own vertices in its own space, in the order
-                    of the template's sample; S3M matches point clouds, so faces is (0, 3).
+                    of the template's sample, joined by the faces of `surface.joining_faces`.
     template_id     the reference: the case of lowest mean loss.
     epoch_losses    (epochs,) mean training loss.
     template_losses (N,) each case's mean loss to all others, from which the reference was chosen.
@@ -108,7 +109,7 @@ def run_s3m(
     template_id = meshes[template].case_id
     shapes = CorrespondedShapes(
         points,
-        np.empty((0, 3), dtype=np.int64),
+        joining_faces(meshes[template], samples[template].vertices),
         tuple(mesh.case_id for mesh in meshes),
         template_id,
     )
