@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh, ShapePath
+from ssm_pipeline.report.case_names import short_names
 from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model.model import ShapeModel
 
@@ -77,6 +78,13 @@ class ReportContent:
                 f"landmarks lie on template {self.aligned.template_id}, which is not among the "
                 "aligned cases: they can't be carried over"
             )
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Case id → what the page calls it."""
+        ids = {*self.aligned.case_ids, self.aligned.template_id}
+        ids |= {case_id for path in self.paths for case_id in (path.template_id, path.case_id)}
+        return short_names(sorted(ids))
 
     @property
     def template_index(self) -> int | None:

@@ -78,7 +78,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str]]:
         ),
         ("Volume of the mean shape", f"{volume_ml:.4g} ml"),
         ("Vertices per shape", str(len(model.mean))),
-        ("Template", content.aligned.template_id),
+        ("Template", content.names[content.aligned.template_id]),
     ]
 
 
@@ -116,7 +116,8 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
         pictures["strip"] = [
             (f"{time:.2g}", _data_address(image)) for time, image in zip(times, images, strict=True)
         ]
-        pictures["strip_from"], pictures["strip_to"] = path.template_id, path.case_id
+        pictures["strip_from"] = content.names[path.template_id]
+        pictures["strip_to"] = content.names[path.case_id]
     return pictures
 
 

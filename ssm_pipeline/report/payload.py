@@ -44,7 +44,11 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
     paths = []
     for number, path in enumerate(content.paths[: settings.paths]):
         block = Block()
-        paths.append(_path(path, settings, block) | {"block": f"block-path-{number}"})
+        ends = {
+            "template": content.names[path.template_id],
+            "case": content.names[path.case_id],
+        }
+        paths.append(ends | _path(path, settings, block) | {"block": f"block-path-{number}"})
         blocks[f"block-path-{number}"] = block.base64()
     description = {
         "study": content.study,
@@ -55,7 +59,7 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
         "cases": cases,
         "paths": paths,
         "template": {
-            "id": content.aligned.template_id,
+            "id": content.names[content.aligned.template_id],
             "isCase": content.template_index is not None,
             "points": template_points,
             "gridMm": grid_spacing_mm(content.template_vertices),
@@ -73,12 +77,12 @@ def _cases(
     quality = content.correspondence.set_index("case_id")
     errors = np.linalg.norm(model.reconstruct(model.scores[:, :modes]) - aligned.vertices, axis=2)
     landmarks = _landmarks(content)
-    cases = []
+    cases, names = [], content.names
     for index, case_id in enumerate(aligned.case_ids):
         mesh = content.mesh_of(case_id)
         cases.append(
             {
-                "id": case_id,
+                "id": names[case_id],
                 "scores": model.scores[index, :modes].tolist(),
                 "reconstructionMm": float(errors[index].mean()),
                 "fit": quality.loc[case_id].to_dict() if case_id in quality.index else {},
@@ -119,8 +123,6 @@ def _path(path: ShapePath, settings: ReportSettings, block: Block) -> dict[str, 
     pose -= pose.mean(axis=1, keepdims=True)
     offsets -= offsets.mean(axis=1, keepdims=True)
     return {
-        "template": path.template_id,
-        "case": path.case_id,
         "times": times.tolist(),
         "pose": block.add_points(pose),
         "offsets": block.add_points(offsets),

@@ -1,0 +1,14 @@
+from ssm_pipeline.report.case_names import short_names
+
+
+def test_short_ids_stay():
+    assert short_names(["a", "hippocampus_003"]) == {"a": "a", "hippocampus_003": "hippocampus_003"}
+
+
+def test_long_ids_keep_the_digits_that_tell_them_apart():
+    ids = [f"1.3.6.1.4.1.14519.5.2.1.6279.6001.{number}" for number in ("1112345678", "2212345678")]
+    assert short_names([*ids, "other"]) == {
+        ids[0]: "…112345678",
+        ids[1]: "…212345678",
+        "other": "other",
+    }
