@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
 
 from ssm_pipeline.adaptation.adapt import adapt
+from ssm_pipeline.adaptation.pose import CoarsePair, carried_case, pose_path
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.rigid import iterative_closest_point
@@ -27,6 +27,7 @@ def correspond(
     matcher: Matcher | None,
     settings: AdaptationSettings,
     method: Method = "full",
+    coarse: CoarsePair | None = None,
 ) -> Correspondence:
     """Match a template to a case.
 
@@ -36,14 +37,17 @@ def correspond(
     adaptation only  rigid alignment, adapted to the case; no network
     nearest point    rigid alignment; no network
     Whatever the method, the moved template is then carried to the nearest point on the case's
-    triangles; both that point and the nearest vertex are kept.
+    triangles; both that point and the nearest vertex are kept. `coarse`: see `pose_path`.
     """
     if method in WITHOUT_NETWORK:
         posed = _rigidly_aligned(template, case)
     else:
         if matcher is None:
             raise ValueError(f"the method {method!r} needs a trained matcher")
-        posed = _posed(template, case, matcher, carried_only=method == "spectral")
+        if method == "spectral":
+            posed = carried_case(template, case, matcher)
+        else:
+            posed = pose_path(template, case, matcher, np.ones(1), coarse)[0]
     if method in ("full", "adaptation only"):
         posed = posed + adapt(
             posed, template.faces, template.stiffness, case.vertices, case.faces, settings
@@ -58,16 +62,6 @@ def correspond(
         nearest_vertex=nearest_vertex.astype(np.int64),
         fitted=case.frame.apply(posed),
     )
-
-
-def _posed(
-    template: SpectralBasis, case: SpectralBasis, matcher: Matcher, carried_only: bool
-) -> np.ndarray:
-    shape_x, shape_y = matcher.shape(template), matcher.shape(case)
-    target, _ = matcher.carried(shape_x, shape_y)
-    if not carried_only:
-        target = matcher.poses(shape_x, target, torch.ones(1))[0]
-    return target.double().cpu().numpy()
 
 
 def _rigidly_aligned(template: SpectralBasis, case: SpectralBasis) -> np.ndarray:

@@ -67,9 +67,15 @@ def correspond_case(
 
     template = storage.load(SpectralBasis, template_path)
     case = storage.load(SpectralBasis, case_path)
+    coarse_template, coarse_case = (
+        storage.load(SpectralBasis, path.with_name("training_basis.npz"))
+        for path in (template_path, case_path)
+    )
+    coarse = (coarse_template, coarse_case)
     matcher = load_matcher(matcher_path) if matcher_path is not None else None
-    match: Correspondence = correspond(template, case, matcher, settings, method=method)
+    match: Correspondence = correspond(template, case, matcher, settings, method, coarse)
     storage.save(match, folder / "correspondence.npz")
     if with_path and matcher is not None:
-        storage.save(shape_path(template, case, matcher, settings), folder / "path.npz")
+        path = shape_path(template, case, matcher, settings, coarse)
+        storage.save(path, folder / "path.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}

@@ -160,6 +160,7 @@ STAGES = (
         match_cases,
         lambda s: {"adaptation": s.adaptation, "template": s.template, "paths": s.report.paths},
         needs=("spectral", "training"),
+        version=2,
     ),
     Stage("shape_model", build_model, lambda s: s.shape_model, needs=("meshing", "correspondence")),
     Stage(
