@@ -19,8 +19,9 @@ import scipy.sparse as sp
 from bench_training import solid
 from scipy.sparse.linalg import eigsh
 
+from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.spectral.basis import smallest_eigenpairs, spectral_basis
-from ssm_pipeline.spectral.gradients import directed_edges, gradient_operators, vertex_normals
+from ssm_pipeline.spectral.gradients import directed_edges, gradient_operators
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 

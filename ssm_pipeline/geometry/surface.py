@@ -16,6 +16,15 @@ def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1)
 
 
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V, 3) unit normals, area-weighted; a vertex without triangles keeps zero."""
+    of_faces = face_normals(vertices, faces)
+    corners = faces.ravel()
+    sums = [np.bincount(corners, np.repeat(of_faces[:, d], 3), len(vertices)) for d in range(3)]
+    normals = np.stack(sums, axis=1)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float(face_areas(vertices, faces).sum())
 

@@ -7,9 +7,9 @@ import numpy as np
 import pymeshlab
 
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.geometry.surface import face_normals, volume
+from ssm_pipeline.geometry.surface import face_normals, vertex_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
-from ssm_pipeline.meshing.smoothing import neighbour_mean, restore_volume, vertex_normals
+from ssm_pipeline.meshing.smoothing import neighbour_mean, restore_volume
 from ssm_pipeline.records import CaseError, Mesh
 
 SPREAD_ROUNDS, STEPS_A_ROUND = 4, 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ssm_pipeline.geometry.surface import area, face_normals, volume
+from ssm_pipeline.geometry.surface import area, vertex_normals, volume
 from ssm_pipeline.geometry.topology import directed_edges
 
 
@@ -26,18 +26,6 @@ def laplacian_smoothing(
     for _ in range(steps):
         vertices = (1 - step_size) * vertices + step_size * (mean @ vertices)
     return vertices
-
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 3) unit normals, area-weighted means of the faces around."""
-    normals = np.zeros_like(vertices)
-    of_faces = face_normals(vertices, faces)
-    for axis in range(3):
-        for corner in range(3):
-            normals[:, axis] += np.bincount(
-                faces[:, corner], of_faces[:, axis], minlength=len(vertices)
-            )
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
 def restore_volume(vertices: np.ndarray, faces: np.ndarray, volume_mm3: float) -> np.ndarray:

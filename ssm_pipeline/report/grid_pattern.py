@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssm_pipeline.report.rendering import Scene, vertex_normals
+from ssm_pipeline.geometry.surface import vertex_normals
+from ssm_pipeline.report.rendering import Scene
 from ssm_pipeline.report.rounding import round_up
 
 _LINE = np.array([40, 44, 52])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.records import ShapePath
-from ssm_pipeline.report.rendering import Scene, vertex_normals
+from ssm_pipeline.report.rendering import Scene
 from ssm_pipeline.report.rounding import FINE, round_up
 from ssm_pipeline.shape_model.model import ShapeModel
 

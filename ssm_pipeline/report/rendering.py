@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 
+from ssm_pipeline.geometry.surface import vertex_normals
+
 BONE = "#d9cbb4"  # neutral surface colour, light enough for shading to show
 
 
@@ -104,17 +106,3 @@ def _surface(scene: Scene, centre: np.ndarray) -> pv.PolyData:
     elif scene.colours is not None:
         surface.point_data["paint"] = scene.colours
     return surface
-
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 3) unit normals, each the area-weighted mean of its triangles' normals."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    face = np.cross(b - a, c - a)
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        for axis in range(3):
-            normals[:, axis] += np.bincount(
-                faces[:, corner], weights=face[:, axis], minlength=len(vertices)
-            )
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)  # a vertex without triangles keeps zero

@@ -5,16 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from ssm_pipeline.geometry.surface import face_normals
-
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 3) unit normals, area-weighted."""
-    per_face = face_normals(vertices, faces)
-    corners = faces.ravel()
-    sums = [np.bincount(corners, np.repeat(per_face[:, d], 3), len(vertices)) for d in range(3)]
-    normals = np.stack(sums, axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+from ssm_pipeline.geometry.surface import vertex_normals
 
 
 def directed_edges(faces: np.ndarray) -> np.ndarray:

@@ -7,9 +7,10 @@ import pytest
 from matplotlib.image import imread
 from synthetic_report import even_sphere
 
+from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.report import figures
 from ssm_pipeline.report.pictures import mode_range_mm, signed_distance
-from ssm_pipeline.report.rendering import ABOVE, FRONT, LEFT, Scene, render, vertex_normals
+from ssm_pipeline.report.rendering import ABOVE, FRONT, LEFT, Scene, render
 from ssm_pipeline.report.settings import FigureSettings
 
 SMALL = FigureSettings(width_mm=120, dpi=50, format="png", modes=2, interpolation_steps=3)

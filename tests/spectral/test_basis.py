@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from shapes import basis_of, blob, sphere
 
+from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.records import CaseError, Mesh
 from ssm_pipeline.spectral.basis import spectral_basis
-from ssm_pipeline.spectral.gradients import vertex_normals
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 
