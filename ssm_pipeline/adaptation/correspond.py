@@ -19,6 +19,7 @@ from ssm_pipeline.training.matcher import Matcher
 Method = Literal["full", "no-adaptation", "spectral", "adaptation only", "nearest point"]
 # Rows that use no network, so no trained matcher is needed for them.
 WITHOUT_NETWORK: tuple[Method, ...] = ("adaptation only", "nearest point")
+ADAPTED: tuple[Method, ...] = ("full", "adaptation only")
 
 
 def correspond(
@@ -48,10 +49,33 @@ def correspond(
             posed = carried_case(template, case, matcher)
         else:
             posed = pose_path(template, case, matcher, np.ones(1), coarse)[0]
-    if method in ("full", "adaptation only"):
-        posed = posed + adapt(
-            posed, template.faces, template.stiffness, case.vertices, case.faces, settings
-        )
+    if method in ADAPTED:
+        posed = _adapted(posed, template, case, settings)
+    return _carried_onto(case, template, posed)
+
+
+def correspond_again(
+    start: np.ndarray, template: SpectralBasis, case: SpectralBasis, settings: AdaptationSettings
+) -> Correspondence:
+    """Match by adaptation alone, from a shape on the template's faces already laid on the case.
+
+    start  (V, 3) mm, in the case's own space: a cohort's mean shape, say.
+    """
+    posed = case.frame.inverse().apply(start)
+    return _carried_onto(case, template, _adapted(posed, template, case, settings))
+
+
+def _adapted(
+    posed: np.ndarray, template: SpectralBasis, case: SpectralBasis, settings: AdaptationSettings
+) -> np.ndarray:
+    return posed + adapt(
+        posed, template.faces, template.stiffness, case.vertices, case.faces, settings
+    )
+
+
+def _carried_onto(
+    case: SpectralBasis, template: SpectralBasis, posed: np.ndarray
+) -> Correspondence:
     on_case = closest_points(posed, case.vertices, case.faces)
     _, nearest_vertex = cKDTree(case.vertices).query(posed)
     return Correspondence(

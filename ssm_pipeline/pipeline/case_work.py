@@ -6,6 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ssm_pipeline import storage
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
@@ -78,4 +80,21 @@ def correspond_case(
     if with_path and matcher is not None:
         path = shape_path(template, case, matcher, settings, coarse)
         storage.save(path, folder / "path.npz")
+    return {"case_id": case.case_id, "template_id": template.case_id}
+
+
+def readapt_case(
+    start: np.ndarray,
+    template_path: Path,
+    case_path: Path,
+    settings: AdaptationSettings,
+    folder: Path,
+) -> Row:
+    """correspondence.npz of a shape on the template's faces, laid on the case: (V, 3) mm."""
+    from ssm_pipeline.adaptation.correspond import correspond_again
+
+    template = storage.load(SpectralBasis, template_path)
+    case = storage.load(SpectralBasis, case_path)
+    match = correspond_again(start, template, case, settings)
+    storage.save(match, folder / "correspondence.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Literal
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.pipeline.case_work import correspond_case
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matches_in
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import Method
 from ssm_pipeline.pipeline.stage import StageContext
-from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 
 if TYPE_CHECKING:  # at run time inside the functions: reading a finished run needs no PyTorch
     from ssm_pipeline.adaptation.correspond import Method as PairMethod
@@ -53,11 +54,15 @@ def matched_shapes(
     matcher_rests_on: tuple[str, ...],
     meshes: Sequence[Mesh],
     folder: Path,
+    mean_of: Collection[str] | None = None,
 ) -> CorrespondedShapes:
-    """A template matched to every case, up to date in `folder`. Raises CaseError.
+    """A template matched to every case, up to date in `folder`; methods that adapt go through the
+    groupwise rounds as well. Raises CaseError.
 
     matcher_rests_on  what, beside the run's own training, decides the matcher.
+    mean_of           the cases that the rounds' means are made of; None: all.
     """
+    from ssm_pipeline.adaptation.correspond import ADAPTED
     from ssm_pipeline.shape_model.correspondence import collect
 
     rests_on = (method, template.case_id, context.settings.adaptation, *matcher_rests_on)
@@ -83,11 +88,10 @@ def matched_shapes(
     for result in results:
         if result.dropped is not None:
             raise CaseError(result.case_id, result.dropped)
-    matches = [
-        storage.load(Correspondence, folder / case_id / "correspondence.npz")
-        for case_id in context.case_keys
-    ]
-    return collect(template, matches, meshes)
+    shapes = collect(template, matches_in(folder, tuple(context.case_keys)), meshes)
+    if method not in ADAPTED:
+        return shapes
+    return after_rounds(context, shapes, meshes, folder, mean_of)
 
 
 def _by_s3m(

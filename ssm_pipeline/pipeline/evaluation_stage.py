@@ -34,7 +34,7 @@ def evaluate_methods(context: StageContext) -> Outcome:
             context.terminal.say(f"      {method} left out: {error}")
             continue
         scores[method] = _scores(context, method, settings, shapes, meshes)
-    truth, template = context.cohort.truth, run.mesh(run.template_id)
+    truth, template = context.cohort.truth, _template_of(run.shapes)
     if truth is not None:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
         scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes)
@@ -103,10 +103,13 @@ def _write_scores(
     if truth is not None:
         from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
 
-        # S3M has a template of its own, of other points.
-        own = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
-        template = Mesh(own, shapes.faces, shapes.template_id)
-        errors = correspondence_errors(shapes, template, truth)
+        errors = correspondence_errors(shapes, _template_of(shapes), truth)
         errors.insert(0, "method", method)
         storage.save_tables(Metrics({"truth": errors}), folder)
     return {}
+
+
+def _template_of(shapes: CorrespondedShapes) -> Mesh:
+    """The template as matched: its own points, which groupwise rounds and S3M choose themselves."""
+    own = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
+    return Mesh(own, shapes.faces, shapes.template_id)

@@ -111,9 +111,7 @@ def _run_in_worker(task: CaseTask, stage_folder: Path, parent: int) -> CaseResul
     return run_case(task, stage_folder)
 
 
-def _in_processes(
-    tasks: Sequence[CaseTask], stage_folder: Path, jobs: int
-) -> Iterator[CaseResult]:
+def _in_processes(tasks: Sequence[CaseTask], stage_folder: Path, jobs: int) -> Iterator[CaseResult]:
     if jobs <= 1:
         for task in tasks:
             yield run_case(task, stage_folder)

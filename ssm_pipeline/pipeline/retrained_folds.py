@@ -47,10 +47,20 @@ def retrained_generalisation(
         template_id = _template(context, matcher_path, kept)
         template = next(mesh for mesh in kept if mesh.case_id == template_id)
         rests_on = (matcher_path.stem, template_id)
-        shapes = matched_shapes(context, FULL, template, matcher_path, rests_on, meshes, folder)
+        shapes = matched_shapes(
+            context,
+            FULL,
+            template,
+            matcher_path,
+            rests_on,
+            meshes,
+            folder,
+            mean_of=[mesh.case_id for mesh in kept],
+        )
         key = context.key_of(
             rests_on,
             settings.adaptation,
+            settings.groupwise,
             settings.evaluation,
             settings.shape_model,
             settings.seed,

@@ -46,7 +46,7 @@ class Run:
     @cached_property
     def shapes(self) -> CorrespondedShapes:
         """The corresponded shapes, each in its own millimetres."""
-        return storage.load(CorrespondedShapes, self._file("shape_model", "shapes.npz"))
+        return storage.load(CorrespondedShapes, self._file("groupwise", "shapes.npz"))
 
     @cached_property
     def aligned(self) -> CorrespondedShapes:
@@ -77,6 +77,7 @@ class Run:
         return storage.load(Mesh, self._file("meshing", case_id, "mesh.npz"))
 
     def correspondence(self, case_id: str) -> Correspondence:
+        """The template matched to the case, before the groupwise rounds; `shapes` is after."""
         path = self._file("correspondence", case_id, "correspondence.npz")
         return storage.load(Correspondence, path)
 

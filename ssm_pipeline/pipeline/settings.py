@@ -72,6 +72,13 @@ class ComparisonSettings(Settings):
     retrain: bool = False  # generalisation also with a matcher trained anew without each fold
 
 
+class GroupwiseSettings(Settings):
+    # Each: the mean of the shapes so far, in the template's place, adapted to every case anew.
+    # Mean geodesic error ×100 on 10 phantoms after 0, 1, 2 and 3 rounds: 1.03, 0.94, 0.95, 0.94 as
+    # scanned, 1.24, 1.06, 1.01, 0.98 turned by up to 40 degrees.
+    rounds: int = Field(2, ge=0)
+
+
 class ShapeModelSettings(Settings):
     with_scale: bool = False  # alignment also removes size; False keeps it as a mode
 
@@ -87,6 +94,7 @@ class StudySettings(Settings):
     training: TrainingSettings = TrainingSettings()
     adaptation: AdaptationSettings = AdaptationSettings()
     template: str | None = None  # case id; None: the case of smallest mean loss to the others
+    groupwise: GroupwiseSettings = GroupwiseSettings()
     shape_model: ShapeModelSettings = ShapeModelSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
     comparison: ComparisonSettings = ComparisonSettings()

@@ -14,6 +14,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.pipeline.case_work import basis_case, correspond_case, mesh_case
 from ssm_pipeline.pipeline.cohort import what_a_case_rests_on
 from ssm_pipeline.pipeline.evaluation_stage import evaluate_methods
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matches_in
 from ssm_pipeline.pipeline.per_case import CaseTask
 from ssm_pipeline.pipeline.report_stage import what_the_report_rests_on, write_report
 from ssm_pipeline.pipeline.run import Frames, Run
@@ -101,20 +102,28 @@ def match_cases(context: StageContext) -> Outcome:
     return context.outcome(results, note=f"template {template_id}")
 
 
-def build_model(context: StageContext) -> Outcome:
-    """shapes.npz as matched, aligned.npz with frames.npz, and model.npz."""
-    from ssm_pipeline.shape_model.alignment import align
+def match_mean(context: StageContext) -> Outcome:
+    """round-<r>/<case>/correspondence.npz, mean shape → case; shapes.npz, the cohort as matched."""
     from ssm_pipeline.shape_model.correspondence import collect
-    from ssm_pipeline.shape_model.pca import build
 
     run = Run(context.run_folder)
-    case_ids = tuple(context.case_keys)
-    matches = [run.correspondence(case_id) for case_id in case_ids]
-    shapes = collect(run.mesh(run.template_id), matches, [run.mesh(case) for case in case_ids])
+    meshes = [run.mesh(case_id) for case_id in context.case_keys]
+    matches = matches_in(context.folder("correspondence"), tuple(context.case_keys))
+    shapes = collect(run.mesh(run.template_id), matches, meshes)
+    shapes = after_rounds(context, shapes, meshes, context.folder())
+    storage.save(shapes, context.folder() / "shapes.npz")
+    return Outcome(context.case_keys, note=f"{context.settings.groupwise.rounds} rounds")
+
+
+def build_model(context: StageContext) -> Outcome:
+    """aligned.npz with frames.npz, and model.npz."""
+    from ssm_pipeline.shape_model.alignment import align
+    from ssm_pipeline.shape_model.pca import build
+
+    shapes, case_ids = Run(context.run_folder).shapes, tuple(context.case_keys)
     aligned, frames = align(shapes, with_scale=context.settings.shape_model.with_scale)
     model = build(aligned)
     folder = context.folder()
-    storage.save(shapes, folder / "shapes.npz")
     storage.save(aligned, folder / "aligned.npz")
     storage.save(Frames(case_ids, frames), folder / "frames.npz")
     storage.save(model, folder / "model.npz")
@@ -162,7 +171,13 @@ STAGES = (
         needs=("spectral", "training"),
         version=2,
     ),
-    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("meshing", "correspondence")),
+    Stage(
+        "groupwise",
+        match_mean,
+        lambda s: {"groupwise": s.groupwise, "adaptation": s.adaptation},
+        needs=("spectral", "correspondence"),
+    ),
+    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",)),
     Stage(
         "evaluation",
         evaluate_methods,

@@ -17,13 +17,24 @@ def collect(
     `meshes` in the order of `correspondences`; the template itself is among the cases, matched to
     itself by its own vertices.
     """
-    shapes = [
-        template.vertices if match.case_id == template.case_id else match.points_on(mesh)
-        for match, mesh in zip(correspondences, meshes, strict=True)
-    ]
+    shapes = points_on_cases(correspondences, meshes, template.faces)
+    for case_id, points in zip(shapes.case_ids, shapes.vertices, strict=True):
+        if case_id == template.case_id:
+            points[:] = template.vertices
+    return shapes
+
+
+def points_on_cases(
+    correspondences: Sequence[Correspondence], meshes: Sequence[Mesh], faces: np.ndarray
+) -> CorrespondedShapes:
+    """Each case's surface where its correspondence says, the template's among them.
+
+    `meshes` in the order of `correspondences`, which are all of one template; faces: that one's.
+    """
+    points = [match.points_on(mesh) for match, mesh in zip(correspondences, meshes, strict=True)]
     return CorrespondedShapes(
-        vertices=np.stack(shapes),
-        faces=template.faces,
+        vertices=np.stack(points),
+        faces=faces,
         case_ids=tuple(match.case_id for match in correspondences),
-        template_id=template.case_id,
+        template_id=correspondences[0].template_id,
     )

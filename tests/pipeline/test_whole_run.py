@@ -1,4 +1,4 @@
-"""All eight stages on four small shapes: what they leave, cached, continued after a kill."""
+"""All nine stages on four small shapes: what they leave, cached, continued after a kill."""
 
 from __future__ import annotations
 

@@ -1,0 +1,67 @@
+"""Rounds in which the mean shape, in place of the template, is adapted to every case."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from functools import partial
+from pathlib import Path
+
+from ssm_pipeline import storage
+from ssm_pipeline.pipeline.case_work import readapt_case
+from ssm_pipeline.pipeline.keys import key_of_arrays
+from ssm_pipeline.pipeline.per_case import CaseTask
+from ssm_pipeline.pipeline.stage import StageContext
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
+
+
+def after_rounds(
+    context: StageContext,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    folder: Path,
+    mean_of: Collection[str] | None = None,
+) -> CorrespondedShapes:
+    """The shapes after `groupwise.rounds` rounds, each up to date in `folder/round-<r>/`.
+
+    shapes, meshes  in the same order, each in its own millimetres.
+    mean_of         the cases that the means are made of; None: all.
+    Raises CaseError for a case that can't be matched.
+    """
+    from ssm_pipeline.shape_model.correspondence import points_on_cases
+    from ssm_pipeline.shape_model.groupwise import placed_means
+
+    settings = context.settings.adaptation
+    template = context.case_file("spectral", shapes.template_id, "basis.npz")
+    for number in range(1, context.settings.groupwise.rounds + 1):
+        round_folder = folder / f"round-{number}"
+        starts = placed_means(shapes, mean_of)
+        results = context.map_cases(
+            [
+                CaseTask(
+                    case_id,
+                    context.case_key(case_id, key_of_arrays(start), settings),
+                    partial(
+                        readapt_case,
+                        start,
+                        template,
+                        context.case_file("spectral", case_id, "basis.npz"),
+                        settings,
+                    ),
+                )
+                for case_id, start in starts.items()
+            ],
+            folder=round_folder,
+        )
+        for result in results:
+            if result.dropped is not None:
+                raise CaseError(result.case_id, result.dropped)
+        shapes = points_on_cases(matches_in(round_folder, shapes.case_ids), meshes, shapes.faces)
+    return shapes
+
+
+def matches_in(folder: Path, case_ids: Sequence[str]) -> list[Correspondence]:
+    """The correspondences that lie in a folder, a case each."""
+    return [
+        storage.load(Correspondence, folder / case_id / "correspondence.npz")
+        for case_id in case_ids
+    ]

@@ -1,0 +1,37 @@
+"""The cohort's mean shape laid on every case: where a groupwise round of matching starts."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+
+import numpy as np
+
+from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.records import CorrespondedShapes
+from ssm_pipeline.shape_model.alignment import align
+
+
+def placed_means(
+    shapes: CorrespondedShapes, mean_of: Collection[str] | None = None
+) -> dict[str, np.ndarray]:
+    """Case → (V, 3) mm: the Procrustes mean, moved rigidly onto the case in the case's own space.
+
+    shapes   as matched, each in its own millimetres.
+    mean_of  the cases that the mean is made of; None: all. Others are laid on too.
+
+    The mean of a cohort is nearer to each case than any single template is, and what one matching
+    got wrong along the surface averages out of it: a template adapted anew from here slides less.
+    Source: the unbiased atlas of Joshi et al. 2004, on surfaces.
+    """
+    kept = [i for i, case in enumerate(shapes.case_ids) if mean_of is None or case in mean_of]
+    chosen = dataclasses.replace(
+        shapes,
+        vertices=shapes.vertices[kept],
+        case_ids=tuple(shapes.case_ids[i] for i in kept),
+    )
+    mean = align(chosen)[0].vertices.mean(axis=0)
+    return {
+        case_id: best_frame(mean, points).apply(mean)
+        for case_id, points in zip(shapes.case_ids, shapes.vertices, strict=True)
+    }

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from shapes import basis_of, blob
+
+from ssm_pipeline.adaptation.correspond import correspond_again
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.records import CorrespondedShapes, Correspondence, Frame, Mesh
+from ssm_pipeline.shape_model.correspondence import collect, points_on_cases
+from ssm_pipeline.shape_model.groupwise import placed_means
+
+
+def moved(generator: np.random.Generator) -> Frame:
+    rotation = Rotation.from_rotvec(0.5 * generator.standard_normal(3)).as_matrix()
+    return Frame(1.0, rotation, 20 * generator.standard_normal(3))
+
+
+@pytest.fixture(scope="module")
+def cohort() -> CorrespondedShapes:
+    """One shape, moved rigidly four times; the last is not that shape but a swollen one."""
+    generator = np.random.default_rng(0)
+    mesh = blob(1, faces=300)
+    swollen = mesh.vertices * [1.0, 1.0, 1.4]
+    points = [moved(generator).apply(s) for s in [mesh.vertices] * 3 + [swollen]]
+    return CorrespondedShapes(np.stack(points), mesh.faces, tuple("abcd"), "b")
+
+
+def test_the_mean_of_equal_shapes_lies_on_each(cohort):
+    means = placed_means(cohort, mean_of="abc")
+    for case_id, points in zip("abc", cohort.vertices[:3], strict=True):
+        np.testing.assert_allclose(means[case_id], points, atol=1e-6)
+
+
+def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort):
+    without, with_all = placed_means(cohort, mean_of="abc"), placed_means(cohort)
+    lengths = [np.ptp(shapes["d"] - shapes["d"].mean(0), axis=0) for shapes in (without, with_all)]
+    np.testing.assert_allclose(
+        without["d"].mean(axis=0), cohort.vertices[3].mean(axis=0), atol=1e-9
+    )
+    assert np.linalg.norm(lengths[1]) > np.linalg.norm(lengths[0])  # a quarter of it is swollen
+    size = [np.linalg.norm(shapes["a"] - shapes["a"].mean(0)) for shapes in (without, with_all)]
+    assert size[1] > 1.01 * size[0]
+
+
+def test_a_round_takes_out_what_slid_along_the_surface():
+    """Shapes that are stretched copies, each slid at random: the mean slides less, and so do the
+    shapes adapted from it."""
+    generator = np.random.default_rng(3)
+    mesh = blob(2, faces=1500)
+    stretches = 1 + 0.04 * generator.standard_normal((6, 3))
+    meshes = [Mesh(mesh.vertices * s, mesh.faces, f"c{i}") for i, s in enumerate(stretches)]
+    true = np.stack([m.vertices for m in meshes])
+    slid = np.stack([_slid(m, generator) for m in meshes])
+    shapes = CorrespondedShapes(slid, mesh.faces, tuple(m.case_id for m in meshes), "c0")
+    bases = [basis_of(m) for m in meshes]
+    settings = AdaptationSettings(samples=4000)
+    matches = [
+        correspond_again(start, bases[0], basis, settings)
+        for start, basis in zip(placed_means(shapes).values(), bases, strict=True)
+    ]
+    after = points_on_cases(matches, meshes, mesh.faces)
+    assert after.template_id == "c0"
+    # One slide common to all is no error of the model: compare the displacements case to case.
+    error = [
+        np.linalg.norm((p - p[0]) - (true - true[0]), axis=-1)[1:].mean()
+        for p in (slid, after.vertices)
+    ]
+    assert error[1] < 0.6 * error[0]
+
+
+def test_the_template_keeps_its_vertices_in_pairwise_matches_only():
+    mesh = blob(1, faces=300)
+    count = len(mesh.vertices)
+    off = Correspondence(
+        mesh.case_id,
+        mesh.case_id,
+        np.zeros(count, int),
+        np.full((count, 3), 1 / 3),
+        np.zeros(count, int),
+        mesh.vertices,
+    )
+    assert (collect(mesh, [off], [mesh]).vertices[0] == mesh.vertices).all()
+    centre = mesh.vertices[mesh.faces[0]].mean(axis=0)
+    np.testing.assert_allclose(
+        points_on_cases([off], [mesh], mesh.faces).vertices[0], np.tile(centre, (count, 1))
+    )
+
+
+def _slid(mesh: Mesh, generator: np.random.Generator) -> np.ndarray:
+    """Its vertices, moved a few millimetres along the surface by a smooth random field."""
+    from ssm_pipeline.geometry.closest_point import closest_points
+
+    wave = np.sin(mesh.vertices @ (0.05 * generator.standard_normal((3, 3))))
+    moved = mesh.vertices + 4.0 * wave @ generator.standard_normal((3, 3)) / np.sqrt(3)
+    return closest_points(moved, mesh.vertices, mesh.faces).points
