@@ -21,7 +21,7 @@ from scipy.sparse.linalg import eigsh
 
 from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.spectral.basis import smallest_eigenpairs, spectral_basis
-from ssm_pipeline.spectral.gradients import directed_edges, gradient_operators
+from ssm_pipeline.spectral.gradients import gradient_operators, one_ring_edges
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 
@@ -74,7 +74,7 @@ def timed(work: Callable[[], Result]) -> tuple[Result, float]:
 def plain_gradient_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """|gradient| of the first coordinate: a regularised least squares problem a vertex."""
     normals, f = vertex_normals(vertices, faces), vertices[:, 0]
-    start, end = directed_edges(faces).T
+    start, end = one_ring_edges(faces).T
     bounds = np.searchsorted(start, np.arange(len(vertices) + 1))
     lengths = np.empty(len(vertices))
     for i, normal in enumerate(normals):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
@@ -154,8 +155,20 @@ def _draw_scores(generator: np.random.Generator, count: int) -> np.ndarray:
 def _draw_frame(generator: np.random.Generator, settings: PhantomSettings) -> Frame:
     """A turn of the patient about the midpoint between the lungs, and a shift."""
     axis = generator.standard_normal(3)
-    angle = np.radians(settings.max_rotation_deg) * generator.random()
+    angle = turn_angle(generator.random(), np.radians(settings.max_rotation_deg))
     rotation = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
     shift = settings.translation_mm * generator.standard_normal(3)
     pivot = CENTRE * [0, 1, 1]
     return Frame(1.0, rotation, pivot - rotation @ pivot + shift)
+
+
+def turn_angle(share: float, largest: float) -> float:
+    """The angle (radians) that `share` of all rotations of up to `largest` stay below.
+
+    Rotations are drawn evenly from all those allowed, so large angles are the rule: of rotations
+    by an angle a there are in proportion to 1 − cos a.
+    """
+    total = largest - np.sin(largest)
+    if total == 0:
+        return 0.0
+    return float(brentq(lambda angle: angle - np.sin(angle) - share * total, 0, largest))

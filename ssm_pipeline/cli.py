@@ -61,11 +61,7 @@ def run(
     seeds = [f"seed={seed}"] if seed is not None else []
     chosen = read_study(study, data, [*(changes or []), *seeds])
     terminal = Terminal()
-    if chosen.is_stand_in:
-        terminal.say(
-            f"{chosen.name}: no masks given (--data FOLDER). SYNTHETIC PHANTOMS stand in for "
-            "them: made-up organs, not patients, and fewer of them than a study needs."
-        )
+    chosen.announce(terminal)
     options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
     run_folder = run_study(chosen.name, chosen.settings, options, terminal, STAGES)
     terminal.say(f"report: {run_folder / 'report' / 'index.html'}")

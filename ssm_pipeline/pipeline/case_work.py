@@ -11,7 +11,6 @@ import numpy as np
 from ssm_pipeline import storage
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
-from ssm_pipeline.pipeline import process
 from ssm_pipeline.pipeline.per_case import Row
 from ssm_pipeline.records import CaseSource, Correspondence, Mesh, SpectralBasis
 from ssm_pipeline.spectral.settings import SpectralSettings
@@ -62,7 +61,6 @@ def correspond_case(
     folder: Path,
 ) -> Row:
     """correspondence.npz, and path.npz where one is wanted."""
-    process.quiet_sparse_beta()
     from ssm_pipeline.adaptation.correspond import correspond
     from ssm_pipeline.adaptation.path import shape_path
     from ssm_pipeline.training.matcher import load_matcher

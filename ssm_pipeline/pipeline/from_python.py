@@ -46,7 +46,6 @@ def run(
         markup=False,
     )
     terminal = Terminal(console)
-    if chosen.is_stand_in:
-        terminal.say(f"{chosen.name}: no masks given; SYNTHETIC PHANTOMS stand in, not patients")
+    chosen.announce(terminal)
     options = RunOptions(Path(runs), chosen_device(device), jobs or default_jobs())
     return Run(run_study(chosen.name, chosen.settings, options, terminal, STAGES))

@@ -11,7 +11,6 @@ import resource
 import sys
 import threading
 import time
-import warnings
 from pathlib import Path
 
 from ssm_pipeline.records import StudyError
@@ -69,11 +68,6 @@ def default_jobs() -> int:
     except (ValueError, OSError):
         free_gb = MEMORY_PER_JOB_GB
     return max(1, min(available_cores(), int(free_gb / MEMORY_PER_JOB_GB)))
-
-
-def quiet_sparse_beta() -> None:
-    """PyTorch says once a process that sparse CSR is in beta; a user can do nothing about it."""
-    warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
 
 
 @functools.cache  # one watch a process, however many cases it is given

@@ -45,7 +45,6 @@ def run_study(
     where a case breaks the code. What was finished stays, and the next run goes on from there.
     """
     process.keep_large_blocks()
-    process.quiet_sparse_beta()
     run_folder = options.runs / study
     data = "synthetic phantoms"
     if not isinstance(settings.data, PhantomData):

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from ssm_pipeline.pipeline.known_keys import known_keys
 from ssm_pipeline.pipeline.settings import StudySettings
+from ssm_pipeline.pipeline.terminal import Terminal
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.settings import Settings
 
@@ -30,6 +31,14 @@ class Study:
     path: Path
     settings: StudySettings
     is_stand_in: bool = False
+
+    def announce(self, terminal: Terminal) -> None:
+        """Say so where phantoms stand in: they are never to be taken for patients."""
+        if self.is_stand_in:
+            terminal.say(
+                f"{self.name}: no masks given (--data FOLDER). SYNTHETIC PHANTOMS stand in for "
+                "them: made-up organs, not patients, and fewer of them than a study needs."
+            )
 
 
 def study_folders() -> list[Path]:

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from ssm_pipeline.geometry.surface import vertex_normals
 
 
-def directed_edges(faces: np.ndarray) -> np.ndarray:
+def one_ring_edges(faces: np.ndarray) -> np.ndarray:
     """(E, 2) int: every edge of the mesh once in each direction, sorted by its start."""
     both = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     return np.unique(np.concatenate([both, both[:, ::-1]]), axis=0)
@@ -31,7 +31,7 @@ def gradient_operators(
     frame_x /= np.linalg.norm(frame_x, axis=1, keepdims=True)
     frame_y = np.cross(normals, frame_x)
 
-    start, end = directed_edges(faces).T
+    start, end = one_ring_edges(faces).T
     edge = vertices[end] - vertices[start]
     x = np.einsum("ed,ed->e", edge, frame_x[start])
     y = np.einsum("ed,ed->e", edge, frame_y[start])

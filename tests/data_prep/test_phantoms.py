@@ -5,9 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from data_prep.phantom_lung import CENTRE, mean_lung, mode_fields
-from data_prep.phantoms import MAX_SCORE_NORM, PhantomSettings, draw, make_cohort, read_cohort
+from data_prep.phantoms import (
+    MAX_SCORE_NORM,
+    PhantomSettings,
+    draw,
+    make_cohort,
+    read_cohort,
+    turn_angle,
+)
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import area, face_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
@@ -82,6 +90,18 @@ def test_truth_is_mean_plus_modes_then_frame() -> None:
         assert np.linalg.det(frame.rotation) == pytest.approx(1)
         turn = np.degrees(np.arccos((np.trace(frame.rotation) - 1) / 2))
         assert turn <= 20
+
+
+def test_turns_are_even_over_all_rotations_allowed() -> None:
+    largest = np.radians(40)
+    angles = Rotation.random(400_000, rng=np.random.default_rng(0)).magnitude()
+    angles = angles[angles <= largest]
+    assert len(angles) > 5000
+    for share in (0.1, 0.5, 0.9):
+        angle = turn_angle(share, largest)
+        assert (angles < angle).mean() == pytest.approx(share, abs=0.02)
+    assert turn_angle(0.7, 0.0) == 0.0
+    assert turn_angle(1.0, largest) == pytest.approx(largest)
 
 
 def test_as_scanned_frames_are_the_identity() -> None:
