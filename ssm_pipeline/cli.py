@@ -136,12 +136,13 @@ def phantoms(
     from ssm_pipeline.pipeline.study import read_study
     from ssm_pipeline.pipeline.terminal import Terminal
 
-    chosen = read_study("luna16", None, changes or [])
+    chosen = read_study("phantoms", None, changes or [])
     options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
     terminal = Terminal()
-    table = run_phantom_benchmark(chosen.settings, options, terminal)
-    terminal.say(table.round(3).to_string(index=False))
-    terminal.say(f"table: {runs / 'phantom-benchmark.csv'}")
+    methods, modes = run_phantom_benchmark(chosen.settings, options, terminal)
+    for table in (methods, modes):
+        terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"tables: {runs / 'phantom-benchmark.csv'}, {runs / 'phantom-modes.csv'}")
 
 
 @benchmark.command()

@@ -76,7 +76,7 @@ def test_two_cohorts_one_of_them_turned(
         return folder
 
     monkeypatch.setattr(phantom_benchmark, "run_study", finished)
-    table = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal())
+    table, modes = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal())
     assert {name: wanted.data.max_rotation_deg for name, wanted in asked.items()} == {
         "phantoms-as-scanned": 0.0,
         "phantoms-turned": 40.0,
@@ -84,6 +84,15 @@ def test_two_cohorts_one_of_them_turned(
     pd.testing.assert_frame_equal(table, pd.read_csv(tmp_path / "phantom-benchmark.csv"))
     assert table.groupby("cohort").size().to_dict() == {"as scanned": 3, "turned": 3}
     assert not table.isna().any(axis=None)
+    assert modes[["cohort", "mode"]].to_numpy().tolist() == [
+        ["as scanned", 1],
+        ["as scanned", 2],
+        ["turned", 1],
+        ["turned", 2],
+    ]
+    pd.testing.assert_frame_equal(
+        modes.reset_index(drop=True), pd.read_csv(tmp_path / "phantom-modes.csv")
+    )
     comparison = load_run(folder).metrics.tables["comparison"].set_index("method")
     row = table.set_index(["cohort", "method"]).loc[("as scanned", "full")]
     assert row["generalisation_mm"] == comparison.loc["full", "generalisation_chamfer_mm"]

@@ -17,7 +17,7 @@ WORKFLOWS = sorted((Path(__file__).parents[2] / "workflows").glob("*.yaml"))
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
 def test_every_workflow_parses(path: Path, tmp_path: Path):
-    study = read_study(str(path), data=tmp_path)
+    study = read_study(str(path), data=None if path.stem == "phantoms" else tmp_path)
     assert study.name == path.stem
     assert study.settings.description
     assert not study.is_stand_in
