@@ -18,3 +18,7 @@ class SpatialLossWeights(Settings):
     symmetry: float = Field(1.0, ge=0)  # λ_sym
     variance: float = Field(1.0, ge=0)  # λ_var; the authors' code: 0
     dirichlet: float = Field(0.0, ge=0)  # of Π_xy Y; absent in the paper, the authors' code: 2
+
+    @classmethod
+    def none(cls) -> SpatialLossWeights:
+        return cls(align=0, arap=0, symmetry=0, variance=0, dirichlet=0)

@@ -26,8 +26,11 @@ def spatial_loss(
 ) -> dict[str, torch.Tensor]:
     """The terms, weighted, both directions added. `time_steps` is T; T = 0 aligns the end only.
 
+    No terms, and no work, where all weights are 0: the ablation without interpolation.
     Source: Cao et al. 2024, Eq. 9–13. Norms are sums over vertices, as printed.
     """
+    if weights == SpatialLossWeights.none():
+        return {}
     T = max(time_steps, 1)
     times = torch.arange(1, T + 1, dtype=features_x.dtype, device=features_x.device) / T
     X = interpolator(shape_x.vertices, maps.y_on_x, times, shape_x.neighbours)

@@ -13,6 +13,7 @@ from ssm_pipeline.pipeline.case_work import correspond_case
 from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matches_in
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
+from ssm_pipeline.pipeline.resumable_training import trained_matcher
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import Method
 from ssm_pipeline.pipeline.stage import StageContext
@@ -41,8 +42,13 @@ def corresponded_shapes(
         return _by_s3m(context, method, settings, meshes)
     from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
 
-    matcher = None if method in WITHOUT_NETWORK else context.folder("training") / "matcher.pt"
     template, folder = run.mesh(run.template_id), method_folder(context, method)
+    if method in WITHOUT_NETWORK:
+        return matched_shapes(context, method, template, None, (), meshes, folder)
+    if method == "spectral":
+        matcher = _spectral_matcher(context, folder)
+        return matched_shapes(context, method, template, matcher, (matcher.stem,), meshes, folder)
+    matcher = context.folder("training") / "matcher.pt"
     return matched_shapes(context, method, template, matcher, (), meshes, folder)
 
 
@@ -92,6 +98,22 @@ def matched_shapes(
     if method not in ADAPTED:
         return shapes
     return after_rounds(context, shapes, meshes, folder, mean_of)
+
+
+def _spectral_matcher(context: StageContext, folder: Path) -> Path:
+    """Trained as the full method's, on the spectral loss alone."""
+    settings, spectral_keys = context.settings.training.spectral_only(), context.done["spectral"]
+    kept = {case_id: spectral_keys.case_keys[case_id] for case_id in context.case_keys}
+    return trained_matcher(
+        context.training_bases,
+        settings,
+        context.seed,
+        context.device,
+        folder,
+        key_of(kept, settings, context.seed),
+        "training on the spectral loss alone",
+        context.terminal,
+    )
 
 
 def _by_s3m(

@@ -20,7 +20,7 @@ from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.resumable_training import trained_matcher
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.stage import StageContext
-from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, SpectralBasis
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 
 RETRAINED = "full, retrained folds"
 
@@ -83,7 +83,7 @@ def _matcher(context: StageContext, kept: Sequence[Mesh], folder: Path, label: s
     spectral_keys = context.done["spectral"].case_keys
     rests_on = {case_id: spectral_keys[case_id] for case_id in case_ids}
     return trained_matcher(
-        lambda: _training_bases(context, case_ids),
+        lambda: context.training_bases(case_ids),
         context.settings.training,
         context.seed,
         context.device,
@@ -105,16 +105,9 @@ def _template(context: StageContext, matcher_path: Path, kept: Sequence[Mesh]) -
     path = matcher_path.with_suffix(".template.json")
     if not path.exists():
         matcher = load_matcher(matcher_path, context.device)
-        template_id, _ = choose_template(matcher, _training_bases(context, case_ids))
+        template_id, _ = choose_template(matcher, context.training_bases(case_ids))
         storage.write_json(path, {"template_id": template_id})
     return str(storage.read_json(path)["template_id"])
-
-
-def _training_bases(context: StageContext, case_ids: Sequence[str]) -> list[SpectralBasis]:
-    return [
-        storage.load(SpectralBasis, context.case_file("spectral", case_id, "training_basis.npz"))
-        for case_id in case_ids
-    ]
 
 
 def _write_errors(

@@ -15,7 +15,7 @@ from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseResult, CaseTask, Row, map_cases
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.terminal import Terminal
-from ssm_pipeline.records import Cohort, Dropped
+from ssm_pipeline.records import Cohort, Dropped, SpectralBasis
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,13 @@ class StageContext:
 
     def case_file(self, stage: str, case_id: str, file: str) -> Path:
         return self.folder(stage) / case_id / file
+
+    def training_bases(self, case_ids: Sequence[str] | None = None) -> list[SpectralBasis]:
+        """The spectral bases of the coarser meshes that are trained on; by default of all cases."""
+        return [
+            storage.load(SpectralBasis, self.case_file("spectral", case_id, "training_basis.npz"))
+            for case_id in (self.case_keys if case_ids is None else case_ids)
+        ]
 
     def case_key(self, case_id: str, *parts: Any) -> str:
         """Key of this stage's results for a case: its results so far, and `parts`."""

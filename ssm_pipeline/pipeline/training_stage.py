@@ -7,7 +7,6 @@ import pandas as pd
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.resumable_training import forget_checkpoint, train_resumably
 from ssm_pipeline.pipeline.stage import Outcome, StageContext
-from ssm_pipeline.records import SpectralBasis
 
 
 def train_matcher(context: StageContext) -> Outcome:
@@ -16,10 +15,7 @@ def train_matcher(context: StageContext) -> Outcome:
     from ssm_pipeline.training.template import choose_template
 
     settings, folder = context.settings.training, context.folder()
-    bases = [
-        storage.load(SpectralBasis, context.case_file("spectral", case_id, "training_basis.npz"))
-        for case_id in context.case_keys
-    ]
+    bases = context.training_bases()
     matcher, history = train_resumably(
         bases,
         settings,

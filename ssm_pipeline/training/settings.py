@@ -35,6 +35,10 @@ class TrainingSettings(Settings):
             raise ValueError(f"time_step_shares add up to {sum(self.time_step_shares)}, not 1")
         return self
 
+    def spectral_only(self) -> TrainingSettings:
+        """The same without the spatial loss: features trained for matching alone."""
+        return self.model_copy(update={"spatial_loss": SpatialLossWeights.none()})
+
     def time_steps_at(self, step: int) -> int:
         """T at an optimiser step."""
         reached = 0.0

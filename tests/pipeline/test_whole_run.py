@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
-from tiny_study import run_tiny, write_balls
+from tiny_study import run_tiny, tiny_settings, write_balls
 
 import ssm_pipeline
 from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.pipeline.runner import RunOptions, run_study
 from ssm_pipeline.pipeline.stages import STAGES
 from ssm_pipeline.pipeline.terminal import Terminal
 from ssm_pipeline.records import StudyError
@@ -58,6 +59,28 @@ def test_metrics_hold_every_method(tiny_run: Path):
         assert set(tables[name]["method"]) == methods, name
     assert set(tables["comparison"]["method"]) == methods
     assert set(tables["generalisation"]["points"]) == {200}  # as set; S3M, with fewer, as well
+
+
+def test_features_alone_are_trained_without_the_spatial_loss(tiny_run: Path, tmp_path: Path):
+    """The row `spectral` has a network of its own; a second evaluation trains it no more."""
+    masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
+    shutil.copytree(tiny_run, copy)
+    settings = tiny_settings(masks)
+    comparison = settings.comparison.model_copy(update={"methods": ("spectral",)})
+    settings = settings.model_copy(update={"comparison": comparison})
+    stamps = set()
+    for _ in range(2):
+        run_study(copy.name, settings, RunOptions(copy.parent), Terminal(), STAGES)
+        settings = settings.model_copy(
+            update={"evaluation": settings.evaluation.model_copy(update={"samples": 21})}
+        )
+        (matcher,) = (copy / "evaluation" / "spectral").glob("matcher-*.pt")
+        content = torch.load(matcher, weights_only=True)
+        assert '"arap":0' in content["settings"].replace(" ", "")
+        stamps.add(matcher.stat().st_mtime_ns)
+    assert len(stamps) == 1
+    tables = ssm_pipeline.load_run(copy).metrics.tables
+    assert set(tables["comparison"]["method"]) == {"full", "spectral"}
 
 
 def test_path_of_a_case_without_one_says_so(tiny_run: Path):

@@ -100,6 +100,18 @@ def test_the_loss_of_a_pair_is_symmetric(bases, matcher):
     torch.testing.assert_close(forward, backward, rtol=1e-3, atol=1e-3)
 
 
+def test_without_the_spatial_loss_only_the_features_learn(bases):
+    settings = SETTINGS.spectral_only()
+    rows: list[dict[str, float]] = []
+    trained = train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
+    features, interpolator = new_networks(settings, 5)
+    assert set(rows[-1]) == {"total", "bijectivity", "orthogonality", "coupling"}
+    before, after = (list(net.parameters()) for net in (interpolator, trained.interpolator))
+    assert all(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+    before, after = (list(net.parameters()) for net in (features, trained.feature_network))
+    assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+
+
 def test_one_shape_is_too_few(bases):
     with pytest.raises(StudyError, match="at least 2 shapes; 1 found"):
         train(bases[:1], SETTINGS, seed=0)
