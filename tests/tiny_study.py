@@ -55,6 +55,7 @@ def tiny_settings(masks: Path, steps: int = 6) -> StudySettings:
                 "methods": ["adaptation only", "S3M"],
                 "s3m": {"points": 150, "dense_points": 200, "epochs": 1, "eigenfunctions": 10},
             },
+            "groupwise": {"rounds": 2},
             "report": {"modes": 2, "case_faces": 300, "paths": 1, "tile_px": 64},
         }
     )

@@ -19,7 +19,6 @@ from ssm_pipeline.training.matcher import Matcher
 Method = Literal["full", "no-adaptation", "spectral", "adaptation only", "nearest point"]
 # Rows that use no network, so no trained matcher is needed for them.
 WITHOUT_NETWORK: tuple[Method, ...] = ("adaptation only", "nearest point")
-ADAPTED: tuple[Method, ...] = ("full", "adaptation only")
 
 
 def correspond(
@@ -49,7 +48,7 @@ def correspond(
             posed = carried_case(template, case, matcher)
         else:
             posed = pose_path(template, case, matcher, np.ones(1), coarse)[0]
-    if method in ADAPTED:
+    if method in ("full", "adaptation only"):
         posed = _adapted(posed, template, case, settings)
     return _carried_onto(case, template, posed)
 

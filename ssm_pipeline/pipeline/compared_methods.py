@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.pipeline.case_work import correspond_case
-from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matches_in
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matched_before_rounds, matches_in
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.resumable_training import trained_matcher
@@ -26,13 +26,22 @@ FULL: Literal["full"] = "full"
 
 
 def method_folder(context: StageContext, method: str) -> Path:
-    return context.folder() / method.replace(" ", "-")
+    return context.folder() / method.replace(",", "").replace(" ", "-")
 
 
 def corresponded_shapes(
     context: StageContext, run: Run, method: Method, meshes: Sequence[Mesh]
 ) -> CorrespondedShapes:
-    """Each case in its own millimetres. Raises CaseError for a case the method can't do."""
+    """Each case in its own millimetres. Raises CaseError for a case the method can't do.
+
+    full             the study's own: network, adaptation, groupwise rounds
+    no-groupwise     network and adaptation, template → case: the paper's method
+    no-adaptation    the network's poses alone
+    spectral         the soft map of features trained on the spectral loss alone
+    adaptation only  rigid alignment and adaptation, no network; `, groupwise`: and the rounds
+    nearest point    rigid alignment alone
+    S3M              the baseline, with its published settings; `tuned`: with its tuned ones
+    """
     if method == FULL:
         return run.shapes
     if method == "S3M" or method == "S3M tuned":
@@ -43,6 +52,11 @@ def corresponded_shapes(
     from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
 
     template, folder = run.mesh(run.template_id), method_folder(context, method)
+    if method == "no-groupwise":
+        return matched_before_rounds(context, run, meshes)
+    if method == "adaptation only, groupwise":
+        once = corresponded_shapes(context, run, "adaptation only", meshes)
+        return after_rounds(context, once, meshes, folder)
     if method in WITHOUT_NETWORK:
         return matched_shapes(context, method, template, None, (), meshes, folder)
     if method == "spectral":
@@ -60,15 +74,11 @@ def matched_shapes(
     matcher_rests_on: tuple[str, ...],
     meshes: Sequence[Mesh],
     folder: Path,
-    mean_of: Collection[str] | None = None,
 ) -> CorrespondedShapes:
-    """A template matched to every case, up to date in `folder`; methods that adapt go through the
-    groupwise rounds as well. Raises CaseError.
+    """A template matched to every case, up to date in `folder`. Raises CaseError.
 
     matcher_rests_on  what, beside the run's own training, decides the matcher.
-    mean_of           the cases that the rounds' means are made of; None: all.
     """
-    from ssm_pipeline.adaptation.correspond import ADAPTED
     from ssm_pipeline.shape_model.correspondence import collect
 
     rests_on = (method, template.case_id, context.settings.adaptation, *matcher_rests_on)
@@ -94,10 +104,7 @@ def matched_shapes(
     for result in results:
         if result.dropped is not None:
             raise CaseError(result.case_id, result.dropped)
-    shapes = collect(template, matches_in(folder, tuple(context.case_keys)), meshes)
-    if method not in ADAPTED:
-        return shapes
-    return after_rounds(context, shapes, meshes, folder, mean_of)
+    return collect(template, matches_in(folder, tuple(context.case_keys)), meshes)
 
 
 def _spectral_matcher(context: StageContext, folder: Path) -> Path:

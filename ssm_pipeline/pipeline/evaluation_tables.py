@@ -19,7 +19,8 @@ GENERALISATION = ("generalisation", "generalisation_mean")
 def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
     """The tables of all methods, one below the other, and of some the means over the cases.
 
-    Generalisation says whether the method's networks were trained on the held-out case too.
+    Generalisation says whether the matching knew the held-out case: its networks were trained on
+    it too, or it is in the mean shape of the groupwise rounds.
     fit, truth_mean  a row a method: means of the tables correspondence and truth.
     """
     from ssm_pipeline.adaptation.correspond import WITHOUT_NETWORK
@@ -34,7 +35,7 @@ def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
     for name in GENERALISATION:
         # Without labels; and the shape model is always built without the case.
         saw_case = ~tables[name]["method"].isin([*WITHOUT_NETWORK, TRUTH])
-        tables[name].insert(1, "matcher_saw_case", saw_case)
+        tables[name].insert(1, "matching_saw_case", saw_case)
     for name, means in (("correspondence", "fit"), ("truth", "truth_mean")):
         if name in tables:
             cases = tables[name].drop(columns=["case_id", "seed"], errors="ignore")
@@ -78,7 +79,7 @@ def with_retrained(
     mean = mean_over_cases(retrained).assign(method=RETRAINED, seed=settings.seed)
     extended = {
         name: pd.concat(
-            [tables[name], rows.assign(matcher_saw_case=False)[list(tables[name].columns)]],
+            [tables[name], rows.assign(matching_saw_case=False)[list(tables[name].columns)]],
             ignore_index=True,
         )
         for name, rows in zip(GENERALISATION, (retrained, mean), strict=True)

@@ -10,8 +10,19 @@ from ssm_pipeline import storage
 from ssm_pipeline.pipeline.case_work import readapt_case
 from ssm_pipeline.pipeline.keys import key_of_arrays
 from ssm_pipeline.pipeline.per_case import CaseTask
+from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.stage import StageContext
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
+
+
+def matched_before_rounds(
+    context: StageContext, run: Run, meshes: Sequence[Mesh]
+) -> CorrespondedShapes:
+    """The template's matches with every case; meshes in the order of the cases."""
+    from ssm_pipeline.shape_model.correspondence import collect
+
+    matches = matches_in(context.folder("correspondence"), tuple(context.case_keys))
+    return collect(run.mesh(run.template_id), matches, meshes)
 
 
 def after_rounds(

@@ -15,6 +15,7 @@ import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.compared_methods import FULL, matched_shapes
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
 from ssm_pipeline.pipeline.resumable_training import trained_matcher
@@ -47,16 +48,9 @@ def retrained_generalisation(
         template_id = _template(context, matcher_path, kept)
         template = next(mesh for mesh in kept if mesh.case_id == template_id)
         rests_on = (matcher_path.stem, template_id)
-        shapes = matched_shapes(
-            context,
-            FULL,
-            template,
-            matcher_path,
-            rests_on,
-            meshes,
-            folder,
-            mean_of=[mesh.case_id for mesh in kept],
-        )
+        shapes = matched_shapes(context, FULL, template, matcher_path, rests_on, meshes, folder)
+        seen = [mesh.case_id for mesh in kept]
+        shapes = after_rounds(context, shapes, meshes, folder, mean_of=seen)
         key = context.key_of(
             rests_on,
             settings.adaptation,

@@ -14,7 +14,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.pipeline.case_work import basis_case, correspond_case, mesh_case
 from ssm_pipeline.pipeline.cohort import what_a_case_rests_on
 from ssm_pipeline.pipeline.evaluation_stage import evaluate_methods
-from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matches_in
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matched_before_rounds
 from ssm_pipeline.pipeline.per_case import CaseTask
 from ssm_pipeline.pipeline.report_stage import what_the_report_rests_on, write_report
 from ssm_pipeline.pipeline.run import Frames, Run
@@ -104,12 +104,9 @@ def match_cases(context: StageContext) -> Outcome:
 
 def match_mean(context: StageContext) -> Outcome:
     """round-<r>/<case>/correspondence.npz, mean shape → case; shapes.npz, the cohort as matched."""
-    from ssm_pipeline.shape_model.correspondence import collect
-
     run = Run(context.run_folder)
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
-    matches = matches_in(context.folder("correspondence"), tuple(context.case_keys))
-    shapes = collect(run.mesh(run.template_id), matches, meshes)
+    shapes = matched_before_rounds(context, run, meshes)
     shapes = after_rounds(context, shapes, meshes, context.folder())
     storage.save(shapes, context.folder() / "shapes.npz")
     return Outcome(context.case_keys, note=f"{context.settings.groupwise.rounds} rounds")

@@ -38,7 +38,7 @@ def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path)
     assert set(tables["specificity"]["samples"]) == {25}
     assert set(tables["comparison_95"]["method"]) == {"full", "adaptation only", "S3M"}
     assert "retraining" not in tables
-    saw_case = tables["generalisation"].groupby("method")["matcher_saw_case"].all()
+    saw_case = tables["generalisation"].groupby("method")["matching_saw_case"].all()
     assert saw_case.to_dict() == {"full": True, "adaptation only": False, "S3M": True}
 
 
@@ -62,7 +62,7 @@ def test_retrained_folds_never_see_the_cases_they_are_asked_about(
     tables = run.metrics.tables
     for name in GENERALISATION:
         own = tables[name][tables[name]["method"] == RETRAINED]
-        assert not own["matcher_saw_case"].any()
+        assert not own["matching_saw_case"].any()
         assert not own.isna().any(axis=None)
     chamfer = tables["generalisation"].set_index(["method", "modes", "case_id"])["chamfer_mm"]
     chamfer = chamfer.sort_index()

@@ -61,12 +61,15 @@ def test_metrics_hold_every_method(tiny_run: Path):
     assert set(tables["generalisation"]["points"]) == {200}  # as set; S3M, with fewer, as well
 
 
-def test_features_alone_are_trained_without_the_spatial_loss(tiny_run: Path, tmp_path: Path):
+ABLATIONS = ("no-groupwise", "spectral", "adaptation only", "adaptation only, groupwise")
+
+
+def test_ablations_are_methods_of_their_own(tiny_run: Path, tmp_path: Path):
     """The row `spectral` has a network of its own; a second evaluation trains it no more."""
     masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)
     settings = tiny_settings(masks)
-    comparison = settings.comparison.model_copy(update={"methods": ("spectral",)})
+    comparison = settings.comparison.model_copy(update={"methods": ABLATIONS})
     settings = settings.model_copy(update={"comparison": comparison})
     stamps = set()
     for _ in range(2):
@@ -80,7 +83,11 @@ def test_features_alone_are_trained_without_the_spatial_loss(tiny_run: Path, tmp
         stamps.add(matcher.stat().st_mtime_ns)
     assert len(stamps) == 1
     tables = ssm_pipeline.load_run(copy).metrics.tables
-    assert set(tables["comparison"]["method"]) == {"full", "spectral"}
+    assert set(tables["comparison"]["method"]) == {"full", *ABLATIONS}
+    fit = tables["generalisation_mean"].groupby("method")["correspondence_mm"].last()
+    assert fit.nunique() == len(fit)  # each row is a method of its own
+    saw = tables["generalisation"].groupby("method")["matching_saw_case"].all()
+    assert saw.index[~saw].tolist() == ["adaptation only"]
 
 
 def test_path_of_a_case_without_one_says_so(tiny_run: Path):

@@ -17,11 +17,11 @@ def moved(generator: np.random.Generator) -> Frame:
 
 @pytest.fixture(scope="module")
 def cohort() -> CorrespondedShapes:
-    """One shape, moved rigidly four times; the last is not that shape but a swollen one."""
+    """One shape, moved rigidly three times, and once that shape with its upper half bent over."""
     generator = np.random.default_rng(0)
     mesh = blob(1, faces=300)
-    swollen = mesh.vertices * [1.0, 1.0, 1.4]
-    points = [moved(generator).apply(s) for s in [mesh.vertices] * 3 + [swollen]]
+    bent = mesh.vertices + [[0.2, 0.0, 0.0]] * np.maximum(mesh.vertices[:, 2:], 0)
+    points = [moved(generator).apply(s) for s in [mesh.vertices] * 3 + [bent]]
     return CorrespondedShapes(np.stack(points), mesh.faces, tuple("abcd"), "b")
 
 
@@ -32,14 +32,22 @@ def test_the_mean_of_equal_shapes_lies_on_each(cohort):
 
 
 def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort):
-    without, with_all = placed_means(cohort, mean_of="abc"), placed_means(cohort)
-    lengths = [np.ptp(shapes["d"] - shapes["d"].mean(0), axis=0) for shapes in (without, with_all)]
-    np.testing.assert_allclose(
-        without["d"].mean(axis=0), cohort.vertices[3].mean(axis=0), atol=1e-9
+    bent = cohort.vertices[3]
+    away = {
+        name: np.linalg.norm(placed_means(cohort, mean_of=of)["d"] - bent, axis=1).mean()
+        for name, of in (("without", "abc"), ("with", None))
+    }
+    assert away["without"] < 2.5  # the straight mean, sheared towards it
+    assert 0.6 * away["without"] < away["with"] < 0.9 * away["without"]  # it is a quarter of it
+
+
+def test_a_larger_and_flatter_case_is_reached_by_the_mean_alone():
+    mesh = blob(1, faces=300)
+    flat = moved(np.random.default_rng(1)).apply(mesh.vertices * [1.3, 1.2, 0.8])
+    shapes = CorrespondedShapes(
+        np.stack([mesh.vertices, mesh.vertices, flat]), mesh.faces, tuple("abc"), "a"
     )
-    assert np.linalg.norm(lengths[1]) > np.linalg.norm(lengths[0])  # a quarter of it is swollen
-    size = [np.linalg.norm(shapes["a"] - shapes["a"].mean(0)) for shapes in (without, with_all)]
-    assert size[1] > 1.01 * size[0]
+    np.testing.assert_allclose(placed_means(shapes, mean_of="ab")["c"], flat, atol=1e-6)
 
 
 def test_a_round_takes_out_what_slid_along_the_surface():
