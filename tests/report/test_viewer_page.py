@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 from matplotlib.image import imread
@@ -228,6 +229,28 @@ def test_charts_read_out_values(page, content):
     expected = content.metrics["specificity"].query("method == 'ours' and modes == @modes")
     text = chart.locator(".reading").inner_text()
     assert text.startswith(f"{modes} modes: ours {expected['chamfer_mm'].item():.2f} ± 0.03 mm")
+
+
+def test_ten_methods_are_told_apart(content, browser, tmp_path):
+    table = content.metrics["compactness"].query("method == 'ours'")
+    many = pd.concat([table.assign(method=f"method {number}") for number in range(10)])
+    path = tmp_path / "index.html"
+    write_page(
+        dataclasses.replace(content, metrics={**content.metrics, "compactness": many}),
+        path,
+        SETTINGS,
+    )
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    page.click("#tab-quality")
+    page.wait_for_selector("#quality-charts .chart")
+    lines = page.evaluate(
+        "[...document.querySelector('#quality-charts .chart svg')"
+        ".querySelectorAll('path[stroke-width=\"2\"]')]"
+        ".map(p => p.getAttribute('stroke') + p.getAttribute('stroke-dasharray'))"
+    )
+    assert len(lines) == len(set(lines)) == 10
+    page.close()
 
 
 @pytest.mark.parametrize("width", [390, 1280, 1920])

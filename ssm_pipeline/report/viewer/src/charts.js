@@ -101,7 +101,8 @@ export function showCharts(container, curves, distance) {
   const methods = [...new Set(Object.values(curves.charts).flatMap((byDistance) => Object.values(byDistance).flat().map((line) => line.method)))];
   const colourOf = (method) => {
     const i = methods.indexOf(method);
-    return { colour: `var(--series-${(i % 6) + 1})`, dash: DASHES[i % DASHES.length] };
+    // Once round the colours, the dashes move on by one: no two lines are alike.
+    return { colour: `var(--series-${(i % 6) + 1})`, dash: DASHES[(i + Math.floor(i / 6)) % DASHES.length] };
   };
   const charts = Object.entries(curves.charts).map(([name, byDistance]) => {
     const lines = name === "compactness" ? Object.values(byDistance)[0] : byDistance[distance];
