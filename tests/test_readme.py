@@ -56,6 +56,6 @@ def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path):
         if not folder.endswith("/"):
             assert (tiny_run / folder).is_file(), folder
             continue
-        for name in re.findall(r"[\w<>/]+\.(?:csv|npz|pt|html)", content):
-            pattern = name.replace("<case>", "*")
+        for name in re.findall(r"[\w<>/-]+\.(?:csv|npz|pt|html)", content):
+            pattern = name.replace("<case>", "*").replace("<r>", "*")
             assert list((tiny_run / folder).glob(pattern)), f"{folder}{name}"
