@@ -67,12 +67,13 @@ def correspond_case(
 
     template = storage.load(SpectralBasis, template_path)
     case = storage.load(SpectralBasis, case_path)
-    coarse_template, coarse_case = (
-        storage.load(SpectralBasis, path.with_name("training_basis.npz"))
-        for path in (template_path, case_path)
-    )
-    coarse = (coarse_template, coarse_case)
-    matcher = load_matcher(matcher_path) if matcher_path is not None else None
+    matcher, coarse = None, None
+    if matcher_path is not None:
+        matcher = load_matcher(matcher_path)
+        coarse = (
+            storage.load(SpectralBasis, template_path.with_name("training_basis.npz")),
+            storage.load(SpectralBasis, case_path.with_name("training_basis.npz")),
+        )
     match: Correspondence = correspond(template, case, matcher, settings, method, coarse)
     storage.save(match, folder / "correspondence.npz")
     if with_path and matcher is not None:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.pipeline.case_work import correspond_case
-from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, matched_before_rounds, matches_in
+from ssm_pipeline.pipeline.groupwise_rounds import after_rounds, all_matched, matched_before_rounds
 from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
-from ssm_pipeline.pipeline.resumable_training import trained_matcher
+from ssm_pipeline.pipeline.resumable_training import matcher_of_cases
 from ssm_pipeline.pipeline.run import Run
 from ssm_pipeline.pipeline.settings import Method
 from ssm_pipeline.pipeline.stage import StageContext
@@ -60,7 +60,9 @@ def corresponded_shapes(
     if method in WITHOUT_NETWORK:
         return matched_shapes(context, method, template, None, (), meshes, folder)
     if method == "spectral":
-        matcher = _spectral_matcher(context, folder)
+        training, label = context.settings.training, "training on the spectral loss alone"
+        case_ids = tuple(context.case_keys)
+        matcher = matcher_of_cases(context, case_ids, training.spectral_only(), folder, label)
         return matched_shapes(context, method, template, matcher, (matcher.stem,), meshes, folder)
     matcher = context.folder("training") / "matcher.pt"
     return matched_shapes(context, method, template, matcher, (), meshes, folder)
@@ -82,7 +84,8 @@ def matched_shapes(
     from ssm_pipeline.shape_model.correspondence import collect
 
     rests_on = (method, template.case_id, context.settings.adaptation, *matcher_rests_on)
-    results = context.map_cases(
+    matches = all_matched(
+        context,
         [
             CaseTask(
                 case_id,
@@ -99,28 +102,9 @@ def matched_shapes(
             )
             for case_id in context.case_keys
         ],
-        folder=folder,
-    )
-    for result in results:
-        if result.dropped is not None:
-            raise CaseError(result.case_id, result.dropped)
-    return collect(template, matches_in(folder, tuple(context.case_keys)), meshes)
-
-
-def _spectral_matcher(context: StageContext, folder: Path) -> Path:
-    """Trained as the full method's, on the spectral loss alone."""
-    settings, spectral_keys = context.settings.training.spectral_only(), context.done["spectral"]
-    kept = {case_id: spectral_keys.case_keys[case_id] for case_id in context.case_keys}
-    return trained_matcher(
-        context.training_bases,
-        settings,
-        context.seed,
-        context.device,
         folder,
-        key_of(kept, settings, context.seed),
-        "training on the spectral loss alone",
-        context.terminal,
     )
+    return collect(template, matches, meshes)
 
 
 def _by_s3m(

@@ -44,9 +44,9 @@ def after_rounds(
     settings = context.settings.adaptation
     template = context.case_file("spectral", shapes.template_id, "basis.npz")
     for number in range(1, context.settings.groupwise.rounds + 1):
-        round_folder = folder / f"round-{number}"
         starts = placed_means(shapes, mean_of)
-        results = context.map_cases(
+        matches = all_matched(
+            context,
             [
                 CaseTask(
                     case_id,
@@ -61,13 +61,20 @@ def after_rounds(
                 )
                 for case_id, start in starts.items()
             ],
-            folder=round_folder,
+            folder / f"round-{number}",
         )
-        for result in results:
-            if result.dropped is not None:
-                raise CaseError(result.case_id, result.dropped)
-        shapes = points_on_cases(matches_in(round_folder, shapes.case_ids), meshes, shapes.faces)
+        shapes = points_on_cases(matches, meshes, shapes.faces)
     return shapes
+
+
+def all_matched(
+    context: StageContext, tasks: Sequence[CaseTask], folder: Path
+) -> list[Correspondence]:
+    """The correspondences that these tasks write, in their order. Raises CaseError."""
+    for result in context.map_cases(tasks, folder=folder):
+        if result.dropped is not None:
+            raise CaseError(result.case_id, result.dropped)
+    return matches_in(folder, [task.case_id for task in tasks])
 
 
 def matches_in(folder: Path, case_ids: Sequence[str]) -> list[Correspondence]:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ssm_pipeline.pipeline.keys import key_of
+from ssm_pipeline.pipeline.stage import StageContext
 from ssm_pipeline.pipeline.terminal import Terminal
 from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.training.settings import TrainingSettings
@@ -83,6 +85,28 @@ def trained_matcher(
         save_matcher(matcher, path)
         forget_checkpoint(folder, key)
     return path
+
+
+def matcher_of_cases(
+    context: StageContext,
+    case_ids: Sequence[str],
+    settings: TrainingSettings,
+    folder: Path,
+    label: str,
+) -> Path:
+    """`trained_matcher` of these cases of a run, and of nothing else."""
+    spectral_keys = context.done["spectral"].case_keys
+    rests_on = {case_id: spectral_keys[case_id] for case_id in case_ids}
+    return trained_matcher(
+        lambda: context.training_bases(case_ids),
+        settings,
+        context.seed,
+        context.device,
+        folder,
+        key_of(rests_on, settings, context.seed),
+        label,
+        context.terminal,
+    )
 
 
 def _checkpoint(folder: Path, key: str) -> Path:

@@ -16,9 +16,8 @@ import pandas as pd
 from ssm_pipeline import storage
 from ssm_pipeline.pipeline.compared_methods import FULL, matched_shapes
 from ssm_pipeline.pipeline.groupwise_rounds import after_rounds
-from ssm_pipeline.pipeline.keys import key_of
 from ssm_pipeline.pipeline.per_case import CaseTask, Row
-from ssm_pipeline.pipeline.resumable_training import trained_matcher
+from ssm_pipeline.pipeline.resumable_training import matcher_of_cases
 from ssm_pipeline.pipeline.settings import StudySettings
 from ssm_pipeline.pipeline.stage import StageContext
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
@@ -44,12 +43,12 @@ def retrained_generalisation(
         folder = context.folder() / "retrained-folds" / f"fold-{number}"
         label = f"training without fold {number} of {len(folds)}"
         kept = [mesh for case, mesh in enumerate(meshes) if case not in held_out]
-        matcher_path = _matcher(context, kept, folder, label)
+        seen = [mesh.case_id for mesh in kept]
+        matcher_path = matcher_of_cases(context, seen, settings.training, folder, label)
         template_id = _template(context, matcher_path, kept)
         template = next(mesh for mesh in kept if mesh.case_id == template_id)
         rests_on = (matcher_path.stem, template_id)
         shapes = matched_shapes(context, FULL, template, matcher_path, rests_on, meshes, folder)
-        seen = [mesh.case_id for mesh in kept]
         shapes = after_rounds(context, shapes, meshes, folder, mean_of=seen)
         key = context.key_of(
             rests_on,
@@ -69,23 +68,6 @@ def retrained_generalisation(
     table = pd.concat(tables, ignore_index=True)
     table.insert(0, "method", RETRAINED)
     return table.assign(seed=settings.seed)
-
-
-def _matcher(context: StageContext, kept: Sequence[Mesh], folder: Path, label: str) -> Path:
-    """The matcher trained on the kept cases, and on nothing else."""
-    case_ids = [mesh.case_id for mesh in kept]
-    spectral_keys = context.done["spectral"].case_keys
-    rests_on = {case_id: spectral_keys[case_id] for case_id in case_ids}
-    return trained_matcher(
-        lambda: context.training_bases(case_ids),
-        context.settings.training,
-        context.seed,
-        context.device,
-        folder,
-        key_of(rests_on, context.settings.training, context.seed),
-        label,
-        context.terminal,
-    )
 
 
 def _template(context: StageContext, matcher_path: Path, kept: Sequence[Mesh]) -> str:
