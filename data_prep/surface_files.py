@@ -1,0 +1,184 @@
+"""Surface file → Mesh: PLY, STL, OBJ, OFF, and VTK's `.vtk` and `.vtp`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_prep.image_files import damaged
+from ssm_pipeline.geometry.surface import volume
+from ssm_pipeline.geometry.topology import boundary_edges
+from ssm_pipeline.records import CaseError, Mesh
+
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp")
+_VTK = (".vtk", ".vtp")
+RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
+_HEADER_BYTES = 4096  # where 3D Slicer's note of the coordinate system stands
+
+
+def is_surface(path: Path) -> bool:
+    """True for surface files; False for hidden files such as macOS's `._case.stl`."""
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+
+
+def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
+    """Read one surface, in millimetres: .ply, .stl, .obj, .off, .vtk or .vtp.
+
+    case_id  names the case in messages and tables; None: the file's name.
+    Returns  the vertices as the file numbers them, faces cut into triangles. An STL file numbers
+             none, so its equal corners become one vertex. A file that says `SPACE=RAS`, as older
+             versions of 3D Slicer write, is turned to LPS; a file that says nothing is taken as
+             it is. A closed surface whose faces look inward has them turned outward.
+    Raises   CaseError for a file that is missing, damaged, of another kind, or without faces.
+
+    >>> from pathlib import Path
+    >>> _ = Path("case_7.off").write_text(
+    ...     "OFF 4 4 0\\n0 0 0\\n9 0 0\\n0 9 0\\n0 0 9\\n3 0 2 1\\n3 0 1 3\\n3 1 2 3\\n3 0 3 2\\n"
+    ... )
+    >>> mesh = read_mesh("case_7.off")
+    >>> mesh.case_id, mesh.vertices.shape, mesh.faces.shape
+    ('case_7', (4, 3), (4, 3))
+    """
+    path = Path(path)
+    case_id = case_id or path.stem
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise CaseError(
+            case_id, f"{path.name} is no surface that can be read; {', '.join(SUFFIXES)} can."
+        )
+    if not path.is_file():
+        raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
+    vertices, faces = (_read_vtk if suffix in _VTK else _read_trimesh)(path, case_id)
+    if not len(faces):
+        raise CaseError(
+            case_id,
+            f"{path.name} holds {len(vertices)} points and no faces; a surface of triangles is "
+            "needed. Export the surface, not its points or lines.",
+        )
+    if suffix == ".stl":
+        vertices, faces = _merged(vertices, faces)
+    if _header_says_ras(path):
+        vertices = vertices * RAS_TO_LPS
+    mesh = Mesh(vertices, faces, case_id)
+    if volume(mesh.vertices, mesh.faces) < 0 and not len(boundary_edges(mesh.faces)):
+        mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1], case_id)
+    return mesh
+
+
+def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    content = path.read_bytes()
+    if path.suffix.lower() == ".stl" and (missing := _missing_of_stl(content)):
+        raise damaged(path, case_id, missing)
+    try:
+        # process=False: vertices stay as the file numbers them.
+        read: Any = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+        vertices, faces = np.asarray(read.vertices), np.asarray(getattr(read, "faces", ()))
+    except Exception as error:  # its readers raise whatever the damage happens to break
+        raise damaged(path, case_id, str(error)) from error
+    for name, found, promised in zip(
+        ("vertices", "faces"),
+        (len(vertices), len(faces)),
+        _promised_counts(path, content),
+        strict=True,
+    ):
+        if found < promised:
+            raise damaged(path, case_id, f"it holds {found} {name} and promises {promised}")
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+    from vtkmodules.vtkIOLegacy import vtkPolyDataReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    reader = vtkXMLPolyDataReader() if path.suffix.lower() == ".vtp" else vtkPolyDataReader()
+    reader.SetFileName(str(path))
+    with _vtk_errors() as errors:
+        reader.Update()
+    surface = reader.GetOutput()
+    count = surface.GetNumberOfPoints()
+    corners = vtk_to_numpy(surface.GetPolys().GetConnectivityArray())
+    # VTK fills up what a cut-off file lacks with whatever the memory held.
+    if corners.size and (corners.min() < 0 or corners.max() >= count):
+        errors.append("faces name missing vertices")
+    if errors:
+        raise damaged(path, case_id, errors[0])
+    triangles = vtkTriangleFilter()  # also cuts strips and polygons into triangles
+    triangles.PassLinesOff()
+    triangles.PassVertsOff()
+    triangles.SetInputData(surface)
+    triangles.Update()
+    surface = triangles.GetOutput()
+    if not count:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+    faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
+    space = surface.GetFieldData().GetAbstractArray("SPACE")  # 3D Slicer's, in a .vtp
+    if space is not None and space.GetNumberOfValues() and space.GetValue(0) == "RAS":
+        vertices = vertices * RAS_TO_LPS
+    return vertices, faces.astype(np.int64)
+
+
+@contextmanager
+def _vtk_errors() -> Iterator[list[str]]:
+    """What VTK complains of inside the block, instead of on the terminal."""
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+
+    window, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    errors: list[str] = []
+    vtkOutputWindow.SetInstance(window)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        yield errors
+    finally:
+        vtkLogger.SetStderrVerbosity(vtkLogger.ConvertToVerbosity(verbosity))
+        vtkOutputWindow.SetInstance(before)
+        # One of its messages is a warning by rank and an error by its words; other warnings are
+        # of attributes that no surface needs.
+        errors += re.findall(r"Error (?:reading|parsing)[^\n]*", window.GetOutput())
+
+
+def _missing_of_stl(content: bytes) -> str:
+    """What is missing of an STL file; '' if it is whole."""
+    if content.lstrip().startswith(b"solid") and b"\0" not in content[:_HEADER_BYTES]:
+        last = content.rstrip().rsplit(b"\n", 1)[-1].strip()
+        return "" if last.startswith(b"endsolid") else "its last line is not endsolid"
+    promised = 84 + 50 * int.from_bytes(content[80:84], "little")
+    return f"{len(content)} bytes of {promised}" if len(content) < promised else ""
+
+
+def _promised_counts(path: Path, content: bytes) -> tuple[int, int]:
+    """The numbers of vertices and faces that a PLY or OFF file's header gives; 0 where none does.
+
+    trimesh reads what there is of a text that ends early. An .obj gives no numbers: one cut
+    between two lines can't be told from a whole one.
+    """
+    pattern = {
+        ".ply": rb"element vertex (\d+).*?element face (\d+).*?end_header",
+        ".off": rb"OFF(?:\s|#[^\n]*\n)*(\d+)\s+(\d+)",
+    }.get(path.suffix.lower())
+    found = re.search(pattern, content[:_HEADER_BYTES], re.DOTALL) if pattern else None
+    return (int(found[1]), int(found[2])) if found else (0, 0)
+
+
+def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equal vertices become one, in the order of their first use."""
+    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    place = np.argsort(np.argsort(first))
+    faces = place[inverse.ravel()][faces]
+    return vertices[np.sort(first)], faces
+
+
+def _header_says_ras(path: Path) -> bool:
+    """Whether 3D Slicer's note in the header gives RAS and not LPS."""
+    with path.open("rb") as file:
+        return re.search(rb"SPACE=RAS\b", file.read(_HEADER_BYTES)) is not None
