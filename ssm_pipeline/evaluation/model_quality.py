@@ -180,7 +180,7 @@ def _reconstruction_errors(
     ]
     floor = chamfer(*samples)
     surface = SurfaceTarget.of(mesh.vertices, mesh.faces) if len(model.faces) else None
-    scores = model.project(shape)
+    scores = model.coefficients(shape)
     rows: list[dict[str, object]] = []
     for modes in mode_numbers:
         rebuilt = model.reconstruct(scores[:modes])

@@ -63,6 +63,19 @@ def face_components(faces: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1][faces[:, 0]]
 
 
+def submesh_faces(faces: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """(F', 3): the faces all of whose corners are among `vertices` (K,), numbered as there.
+
+    >>> submesh_faces(np.array([[0, 1, 2], [1, 3, 2]]), np.array([3, 2, 1]))
+    array([[2, 0, 1]])
+    """
+    number = np.full(int(faces.max(initial=-1)) + 1, -1)
+    inside = np.flatnonzero(vertices < len(number))
+    number[vertices[inside]] = inside
+    renumbered = number[faces]
+    return renumbered[(renumbered >= 0).all(axis=1)]
+
+
 def min_angle_deg(vertices: np.ndarray, faces: np.ndarray) -> float:
     """The smallest inner angle of any triangle, degrees."""
     corners = vertices[faces]

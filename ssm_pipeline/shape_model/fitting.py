@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.rigid import best_frame, iterative_closest_point
 from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Frame, Mesh
-
-if TYPE_CHECKING:
-    from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.shape_model.model import ShapeModel
 
 
 @dataclass(frozen=True)

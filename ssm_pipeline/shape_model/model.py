@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
-from ssm_pipeline.records import Mesh
-from ssm_pipeline.shape_model.fitting import fit
+from ssm_pipeline.geometry.topology import submesh_faces
+from ssm_pipeline.records import Frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShapeModel:
     """x = mean + Σ_m scores_m √variance_m mode_m, in millimetres (Cootes 1995).
 
     mean       (V, 3) mm LPS; faces (F, 3) int.
     modes      (M, V, 3), orthonormal as vectors of 3V numbers.
     variances  (M,) mm², divisor N − 1, descending.
-    scores     (N, M) the training cases in standard deviations; case_ids (N,).
+    scores     (N, M) the training cases in standard deviations; case_ids (N,). Both are empty
+               where the model is of no cohort: a posterior, or one read from a file without them.
+
+    Immutable: the arrays are copies that can't be written to. The words are scalismo's, but that
+    coefficients are called scores where a cohort is meant.
     """
 
     mean: np.ndarray
@@ -33,6 +38,15 @@ class ShapeModel:
                 f"modes have shape {self.modes.shape} for a mean of shape {self.mean.shape} and "
                 f"{len(self.variances)} variances; (M, V, 3), (V, 3) and (M,) are needed"
             )
+        if self.scores.shape != (len(self.case_ids), len(self.variances)):
+            raise ValueError(
+                f"scores have shape {self.scores.shape} for {len(self.case_ids)} cases and "
+                f"{len(self.variances)} modes; (N, M) is needed"
+            )
+        for field in ("mean", "modes", "variances", "faces", "scores"):
+            array = np.array(getattr(self, field))
+            array.flags.writeable = False
+            object.__setattr__(self, field, array)
 
     @property
     def mode_count(self) -> int:
@@ -48,6 +62,11 @@ class ShapeModel:
         """(M,) share of the total variance in the first m modes (Davies 2002)."""
         return np.cumsum(self.variances) / self.variances.sum()
 
+    @property
+    def vertex_covariances(self) -> np.ndarray:
+        """(V, 3, 3) mm²: how each vertex varies over the model's shapes."""
+        return np.einsum("m,mvd,mve->vde", self.variances, self.modes, self.modes)
+
     def modes_for(self, share: float) -> int:
         """The smallest number of modes that holds `share` (0 … 1) of the variance."""
         return int(np.searchsorted(self.compactness, share - 1e-12) + 1)
@@ -61,23 +80,30 @@ class ShapeModel:
         weights = scores * self.standard_deviations[:count]
         return self.mean + np.tensordot(weights, self.modes[:count], axes=1)
 
-    def project(self, shape: np.ndarray | Mesh) -> np.ndarray:
-        """Scores of a shape, (…, M) standard deviations.
+    instance = reconstruct  # as scalismo calls it
 
-        shape  corresponding, aligned points (…, V, 3) mm, projected exactly; or any mesh of the
-               organ in millimetres, to which the model is fitted first
-               (`ssm_pipeline.shape_model.fitting.fit`, which also gives pose and distances).
+    def coefficients(self, points: np.ndarray) -> np.ndarray:
+        """Scores of corresponding, aligned points (…, V, 3) mm: (…, M) standard deviations.
+
+        Exact for an instance of the model; of other shapes, the scores of the nearest instance.
+        To fit the model to a surface, use `ssm_pipeline.shape_model.fitting.fit`.
         """
-        if isinstance(shape, Mesh):
-            return fit(self, shape).scores
-        points = np.asarray(shape, dtype=np.float64)
-        if points.shape[-2:] != self.mean.shape:
-            raise ValueError(
-                f"points have shape {points.shape}; (…, {len(self.mean)}, 3) is needed, in "
-                "correspondence with the model's mean"
-            )
-        flat = (points - self.mean).reshape(*points.shape[:-2], -1)
+        flat = (self._corresponding(points) - self.mean).reshape(*np.shape(points)[:-2], -1)
         return flat @ self.modes.reshape(self.mode_count, -1).T / self.standard_deviations
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """The nearest shape that the model can take, (…, V, 3) mm, to corresponding, aligned points
+        (…, V, 3)."""
+        return self.reconstruct(self.coefficients(points))
+
+    def log_pdf(self, scores: np.ndarray) -> np.ndarray:
+        """(…,) log density of scores (…, M): the standard normal's, as all modes have variance 1
+        there. Differences of it compare two shapes; its value alone means little.
+        """
+        scores = np.asarray(scores, dtype=np.float64)
+        if scores.shape[-1] != self.mode_count:
+            raise ValueError(f"{scores.shape[-1]} scores given; the model has {self.mode_count}")
+        return -0.5 * ((scores**2).sum(axis=-1) + self.mode_count * np.log(2 * np.pi))
 
     def sample(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """(count, V, 3) mm: independent draws from the model's normal distribution."""
@@ -87,11 +113,89 @@ class ShapeModel:
         """The model of the first modes only. Raises ValueError outside 1 … M."""
         if not 1 <= mode_count <= self.mode_count:
             raise ValueError(f"{mode_count} modes asked of a model with {self.mode_count}")
-        return ShapeModel(
-            self.mean,
-            self.modes[:mode_count],
-            self.variances[:mode_count],
-            self.faces,
-            self.scores[:, :mode_count],
-            self.case_ids,
+        return dataclasses.replace(
+            self,
+            modes=self.modes[:mode_count],
+            variances=self.variances[:mode_count],
+            scores=self.scores[:, :mode_count],
         )
+
+    def marginal(self, vertices: np.ndarray) -> ShapeModel:
+        """The model of some vertices (K,) int, in their order, all others left open.
+
+        Its covariance is that part of the whole model's; its modes are orthonormal on these
+        vertices, so they and the scores are other ones than the whole model's. Faces with all
+        corners kept stay.
+        """
+        spread = (self.standard_deviations[:, None, None] * self.modes)[:, vertices]
+        U, singular, Vt = _svd_of_rows(spread.reshape(self.mode_count, -1))
+        return ShapeModel(
+            mean=self.mean[vertices],
+            modes=Vt.reshape(-1, len(vertices), 3),
+            variances=singular**2,
+            faces=submesh_faces(self.faces, vertices),
+            scores=self.scores @ U,
+            case_ids=self.case_ids,
+        )
+
+    def posterior(self, vertices: np.ndarray, points: np.ndarray, noise_mm: float) -> ShapeModel:
+        """The model of all shapes that have these vertices near these points: the conditional.
+
+        vertices  (K,) int; points (K, 3) mm in the model's frame: where they were seen.
+        noise_mm  standard deviation of each coordinate of each point, independent.
+        Its mean is the most probable shape, its `vertex_covariances` what is still open.
+        Raises ValueError unless noise_mm > 0 and the points are as many as the vertices.
+        Source: Albrecht et al. 2013, "Posterior shape models".
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.shape != (len(vertices), 3):
+            raise ValueError(f"points have shape {points.shape} for {len(vertices)} vertices")
+        if not noise_mm > 0:
+            raise ValueError(f"noise_mm is {noise_mm}; it must be above 0")
+        spread = (self.standard_deviations[:, None, None] * self.modes)[:, vertices]
+        Q = spread.reshape(self.mode_count, -1)  # (M, 3K): mm moved per standard deviation
+        precision = np.eye(self.mode_count) + Q @ Q.T / noise_mm**2
+        offset = (points - self.mean[vertices]).ravel()
+        expected = np.linalg.solve(precision, Q @ offset) / noise_mm**2
+        return self.conditioned(expected, np.linalg.inv(precision))
+
+    def conditioned(self, scores: np.ndarray, covariance: np.ndarray) -> ShapeModel:
+        """The model whose scores are not standard normal, but of this mean (M,) and covariance
+        (M, M), in standard deviations of this model: what an observation leaves open."""
+        variances, axes = np.linalg.eigh(
+            self.standard_deviations[:, None] * covariance * self.standard_deviations
+        )
+        order = np.argsort(variances)[::-1]
+        return ShapeModel(
+            mean=self.reconstruct(scores),
+            modes=np.tensordot(axes[:, order].T, self.modes, axes=1),
+            variances=np.maximum(variances[order], 0),
+            faces=self.faces,
+            scores=np.zeros((0, self.mode_count)),
+            case_ids=(),
+        )
+
+    def transform(self, frame: Frame) -> ShapeModel:
+        """The same model in another frame; a scale scales the standard deviations."""
+        return dataclasses.replace(
+            self,
+            mean=frame.apply(self.mean),
+            modes=self.modes @ frame.rotation.T,
+            variances=self.variances * frame.scale**2,
+        )
+
+    def _corresponding(self, points: np.ndarray) -> np.ndarray:
+        points = np.asarray(points, dtype=np.float64)
+        if points.shape[-2:] != self.mean.shape:
+            raise ValueError(
+                f"points have shape {points.shape}; (…, {len(self.mean)}, 3) is needed, in "
+                "correspondence with the model's mean"
+            )
+        return points
+
+
+def _svd_of_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """U, S, Vt of a matrix, without the singular values that are round-off."""
+    U, singular, Vt = np.linalg.svd(rows, full_matrices=False)
+    kept = singular > singular[0] * 1e-10
+    return U[:, kept], singular[kept], Vt[kept]

@@ -44,7 +44,7 @@ def test_all_modes_reconstruct_every_case():
     model = build(shapes)
     assert model.mode_count == 5
     np.testing.assert_allclose(model.reconstruct(model.scores), points, atol=1e-9)
-    np.testing.assert_allclose(model.project(points), model.scores, atol=1e-9)
+    np.testing.assert_allclose(model.coefficients(points), model.scores, atol=1e-9)
     flat = model.modes.reshape(5, -1)
     np.testing.assert_allclose(flat @ flat.T, np.eye(5), atol=1e-12)
     assert np.all(np.diff(model.variances) <= 0)
@@ -59,7 +59,7 @@ def test_variances_are_those_of_the_covariance():
 
 def test_samples_have_the_models_variance():
     model = build(hand_made()[0])
-    draws = model.project(model.sample(4000, np.random.default_rng(0)))
+    draws = model.coefficients(model.sample(4000, np.random.default_rng(0)))
     # Standard error of a variance of 4000 draws: √(2/4000) = 2.2 %; four of them allowed.
     np.testing.assert_allclose(draws.var(axis=0), 1, atol=0.09)
     np.testing.assert_allclose(model.truncate(1).reconstruct([2.0]), model.reconstruct([2.0, 0]))
@@ -70,7 +70,7 @@ def test_bad_sizes_say_what_was_needed():
     with pytest.raises(ValueError, match="3 scores given; the model has 2 modes"):
         model.reconstruct([1, 2, 3])
     with pytest.raises(ValueError, match="in correspondence with the model's mean"):
-        model.project(np.zeros((5, 3)))
+        model.coefficients(np.zeros((5, 3)))
     with pytest.raises(ValueError, match="3 modes asked of a model with 2"):
         model.truncate(3)
     shapes = hand_made()[0]
