@@ -30,6 +30,20 @@ class StudyError(ValueError):
     """A whole study can't run (too few cases, wrong folder, clashing settings)."""
 
 
+class DamagedFile(StudyError):
+    """A file of ours can't be read back: missing, cut short, changed, or of another kind."""
+
+    def __init__(self, path: Path, found: str) -> None:
+        super().__init__(
+            f"{path} {found}. If a run made it, run the study again: what is damaged or missing is "
+            "made again. Otherwise copy it again from where it came."
+        )
+        self.path, self.found = path, found
+
+    def __reduce__(self) -> tuple[type, tuple[Path, str]]:
+        return type(self), (self.path, self.found)  # survives worker processes
+
+
 @dataclass(frozen=True)
 class Mask:
     """A binary segmentation in patient space.

@@ -1,12 +1,14 @@
 """Read and write records: whole or not at all, with a format version.
 
 Every record is one `.npz`: arrays as they are, sparse matrices as their three arrays, the rest
-(ids, frames, numbers) in one JSON string. Nothing is pickled.
+(ids, frames, numbers) in one JSON string. Nothing is pickled. A file has reached the disk before
+its name does, so that after a power cut there is the old file or the new one, never half of one.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import errno
 import io
 import json
 import os
@@ -20,25 +22,77 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from ssm_pipeline.records import Frame, Metrics
+from ssm_pipeline.records import DamagedFile, Frame, Metrics, StudyError
 
 FORMAT_VERSION = 1
 Record = TypeVar("Record")
 
 
+# What stands in the way of writing, as opposed to a fault of the program, and what to try.
+WHAT_TO_TRY = {
+    errno.ENOSPC: "Free some space",
+    errno.EDQUOT: "Free some of your quota",
+    errno.EFBIG: "Use a disk that takes larger files",
+    errno.EROFS: "Choose a folder that can be written to",
+    errno.EACCES: "Choose a folder that you may write to",
+    errno.EPERM: "Choose a folder that you may write to",
+    errno.ENOTDIR: "Choose another folder",
+    errno.ENAMETOOLONG: "Choose a shorter name",
+    errno.EIO: "Check the disk",
+}
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a temporary sibling of `path`; move it there only if the block succeeds."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    """Yield a temporary sibling of `path`; move it there only if the block succeeds.
+
+    Raises StudyError where the disk is full, or the folder can't be written to.
+    """
     try:
-        yield temporary
-        temporary.chmod(0o644)  # mkstemp makes it private; a run folder is shared
-        temporary.replace(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix
+        )
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            temporary.chmod(0o644)  # mkstemp makes it private; a run folder is shared
+            _reach_disk(temporary)
+            temporary.replace(path)
+            _reach_disk(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise_if_unwritable(path, error)
+        raise
+
+
+def raise_if_unwritable(path: Path, error: OSError) -> None:
+    """Raise StudyError for a full disk or a folder closed to us; other errors are left alone."""
+    if error.errno in WHAT_TO_TRY:
+        raise StudyError(
+            f"{path} can't be written: {error.strerror}. {WHAT_TO_TRY[error.errno]}, then run the "
+            "same command again; what is finished is kept."
+        ) from error
+
+
+def remove(path: Path) -> None:
+    """Delete a file, if it is there; a power cut does not bring it back."""
+    if path.exists():
+        path.unlink()
+        _reach_disk(path.parent)
+
+
+def _reach_disk(path: Path) -> None:
+    """Return when a file's content, or a folder's list of names, is on the disk itself."""
+    if path.is_dir() and os.name == "nt":
+        return  # Windows can't open a folder; its file system orders the names itself
+    handle = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
+    try:
+        os.fsync(handle)
     finally:
-        temporary.unlink(missing_ok=True)
+        os.close(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -51,7 +105,13 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def read_json(path: Path) -> Any:
-    return json.loads(path.read_text(encoding="utf-8"))
+    """Raises DamagedFile for a file that is missing or no JSON."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise DamagedFile(path, "is missing") from error
+    except (ValueError, RecursionError) as error:
+        raise DamagedFile(path, f"is not readable as JSON ({error})") from error
 
 
 def save(record: Any, path: Path) -> None:
@@ -78,24 +138,42 @@ def save(record: Any, path: Path) -> None:
 
 
 def load(kind: type[Record], path: Path) -> Record:
-    """Read a record of the given class. Raises ValueError if the file holds another kind."""
-    with np.load(path, allow_pickle=False) as file:
-        header = json.loads(str(file["header"]))
-        if header["record"] != kind.__name__ or header["format_version"] != FORMAT_VERSION:
-            raise ValueError(
-                f"{path} holds a {header['record']} of format {header['format_version']}; "
-                f"a {kind.__name__} of format {FORMAT_VERSION} is needed. "
-                "Delete the file and run again."
-            )
-        values: dict[str, Any] = {
-            name: file[name] for name in file.files if name != "header" and "." not in name
-        }
-        for name, value in header["fields"].items():
-            if isinstance(value, dict) and "sparse" in value:
-                parts = tuple(file[f"{name}.{part}"] for part in ("data", "indices", "indptr"))
-                values[name] = sp.csr_matrix(parts, shape=tuple(value["sparse"]))
-            else:
-                values[name] = _from_json(value)
+    """Read a record of the given class. Raises DamagedFile if the file does not hold a whole one.
+
+    >>> load(Frame, Path("runs/none.npz"))
+    Traceback (most recent call last):
+    ssm_pipeline.records.DamagedFile: runs/none.npz is missing. If a run made it, ...
+    """
+    try:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            return _record(kind, path, file)
+    except FileNotFoundError as error:
+        raise DamagedFile(path, "is missing") from error
+    except (DamagedFile, PermissionError):
+        raise
+    except Exception as error:  # damaged bytes can break the decoders anywhere
+        what = f"is damaged or cut short ({type(error).__name__}: {error})"
+        raise DamagedFile(path, what) from error
+
+
+def _record(kind: type[Record], path: Path, file: Any) -> Record:
+    header = json.loads(str(file["header"]))
+    if header["record"] != kind.__name__ or header["format_version"] != FORMAT_VERSION:
+        raise DamagedFile(
+            path,
+            f"holds a {header['record']} of format {header['format_version']}; a {kind.__name__} "
+            f"of format {FORMAT_VERSION} is needed",
+        )
+    values: dict[str, Any] = {
+        name: file[name] for name in file.files if name != "header" and "." not in name
+    }
+    for name, value in header["fields"].items():
+        if isinstance(value, dict) and "sparse" in value:
+            parts = tuple(file[f"{name}.{part}"] for part in ("data", "indices", "indptr"))
+            values[name] = sp.csr_matrix(parts, shape=tuple(value["sparse"]))
+            values[name].check_format(full_check=True)  # an index too large would crash SciPy
+        else:
+            values[name] = _from_json(value)
     return kind(**values)
 
 
@@ -107,10 +185,20 @@ def save_tables(metrics: Metrics, folder: Path) -> None:
 
 
 def load_tables(folder: Path) -> Metrics:
-    # Case ids stay text: "007" is no number.
-    as_text = {"case_id": str}
-    paths = sorted(folder.glob("*.csv"))
-    return Metrics({path.stem: pd.read_csv(path, dtype=as_text) for path in paths})
+    """The tables that `save_tables` wrote. Raises DamagedFile."""
+    return Metrics({path.stem: read_table(path) for path in sorted(folder.glob("*.csv"))})
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """A table of ours. Raises DamagedFile."""
+    try:
+        # Case ids stay the text they are: "007" is no number, and a case may be called NA. What is
+        # missing is written as nothing.
+        return pd.read_csv(path, dtype={"case_id": str}, keep_default_na=False, na_values=[""])
+    except FileNotFoundError as error:
+        raise DamagedFile(path, "is missing") from error
+    except (ValueError, pd.errors.ParserError) as error:  # EmptyDataError is a ValueError
+        raise DamagedFile(path, f"is not readable as a table ({error})") from error
 
 
 def _to_json(value: Any) -> Any:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
-from ssm_pipeline.training.matcher import save_tensors
+from ssm_pipeline.records import DamagedFile
+from ssm_pipeline.training.matcher import load_tensors, save_tensors
 
 
 @dataclass(frozen=True)
@@ -27,4 +26,8 @@ def save_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
-    return Checkpoint(**torch.load(path, map_location="cpu", weights_only=True))
+    """Raises DamagedFile for a file that holds no whole checkpoint."""
+    try:
+        return Checkpoint(**load_tensors(path))
+    except TypeError as error:
+        raise DamagedFile(path, f"holds no checkpoint of this version ({error})") from error

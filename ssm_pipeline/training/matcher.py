@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from ssm_pipeline.interpolation.interpolator import Interpolator
 from ssm_pipeline.matching.diffusion_net import FeatureNetwork
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.matching.soft_map import soft_maps
-from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.records import DamagedFile, SpectralBasis
 from ssm_pipeline.storage import written_whole
 from ssm_pipeline.training.settings import TrainingSettings
 
@@ -77,21 +78,45 @@ def save_matcher(matcher: Matcher, path: Path) -> None:
 
 
 def load_matcher(path: Path, device: str = "cpu") -> Matcher:
-    content = torch.load(path, map_location=device, weights_only=True)
-    settings = TrainingSettings.model_validate_json(content["settings"])
-    feature_network, interpolator = new_networks(settings, content["seed"])
-    feature_network.load_state_dict(content["feature_network"])
-    interpolator.load_state_dict(content["interpolator"])
+    """Raises DamagedFile for a file that holds no whole matcher."""
+    content = load_tensors(path, device)
+    try:
+        settings = TrainingSettings.model_validate_json(content["settings"])
+        seed, trained_on = int(content["seed"]), tuple(content["trained_on"])
+        feature_network, interpolator = new_networks(settings, seed)
+        feature_network.load_state_dict(content["feature_network"])
+        interpolator.load_state_dict(content["interpolator"])
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        what = f"holds no matcher of this version ({str(error).splitlines()[0]})"
+        raise DamagedFile(path, what) from error
     return Matcher(
         feature_network.to(device).eval(),
         interpolator.to(device).eval(),
         settings,
-        content["seed"],
-        tuple(content["trained_on"]),
+        seed,
+        trained_on,
     )
 
 
 def save_tensors(content: dict[str, Any], path: Path) -> None:
     """Whole or not at all; only tensors and plain values, so that it loads without pickle code."""
+    buffer = io.BytesIO()  # torch's own writer hides why a disk refuses
+    torch.save(content, buffer)
     with written_whole(path) as temporary:
-        torch.save(content, temporary)
+        temporary.write_bytes(buffer.getbuffer())
+
+
+def load_tensors(path: Path, device: str = "cpu") -> dict[str, Any]:
+    """What `save_tensors` wrote; no pickle code is run. Raises DamagedFile."""
+    try:
+        content = torch.load(path, map_location=device, weights_only=True)
+    except FileNotFoundError as error:
+        raise DamagedFile(path, "is missing") from error
+    except PermissionError:
+        raise
+    except Exception as error:  # damaged bytes can break the decoders anywhere
+        what = f"is damaged or no file of tensors ({type(error).__name__})"
+        raise DamagedFile(path, what) from error
+    if not isinstance(content, dict):
+        raise DamagedFile(path, f"holds a {type(content).__name__}, no matcher or checkpoint")
+    return content

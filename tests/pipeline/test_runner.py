@@ -233,7 +233,7 @@ def test_a_half_written_stage_record_can_not_exist(bench: Bench, monkeypatch: py
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", full_disk)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(StudyError, match="No space left"):
             bench.run(seed=5)
     assert bench.stage_json("sum") == before
     assert not list((bench.folder / "runs/toy").rglob(".*json*"))  # no leftovers
