@@ -20,10 +20,10 @@ import numpy as np
 import torch
 import trimesh
 
+from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.interpolation.interpolator import Interpolator
 from ssm_pipeline.matching.functional_map import resolvent_mask
 from ssm_pipeline.matching.shape import Shape, to_shape
-from ssm_pipeline.pipeline.process import keep_large_blocks
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings

@@ -52,27 +52,27 @@ def run(
     ] = None,
 ) -> None:
     """Masks to shape model and report; goes on where an earlier run stopped."""
-    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
-    from ssm_pipeline.pipeline.runner import RunOptions, run_study
-    from ssm_pipeline.pipeline.stages import STAGES
-    from ssm_pipeline.pipeline.study import read_study
-    from ssm_pipeline.pipeline.terminal import Terminal
+    from ssm_pipeline.commands.run_study import run_study
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
 
     seeds = [f"seed={seed}"] if seed is not None else []
     chosen = read_study(study, data, [*(changes or []), *seeds])
     terminal = Terminal()
     chosen.announce(terminal)
     options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
-    run_folder = run_study(chosen.name, chosen.settings, options, terminal, STAGES)
+    run_folder = run_study(chosen.name, chosen.settings, options, terminal)
     terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
 
 
 @app.command()
 def check(study: StudyName, data: DataFolder = None, changes: Changes = None) -> None:
     """Read the settings and every mask, and say what is wrong, without running anything."""
-    from ssm_pipeline.pipeline.check import check_study
-    from ssm_pipeline.pipeline.study import read_study
-    from ssm_pipeline.pipeline.terminal import Terminal
+    from ssm_pipeline.commands.check import check_study
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
 
     if not check_study(read_study(study, data, changes or []), Terminal()):
         raise typer.Exit(1)
@@ -81,7 +81,7 @@ def check(study: StudyName, data: DataFolder = None, changes: Changes = None) ->
 @app.command()
 def show(study: StudyName, data: DataFolder = None, changes: Changes = None) -> None:
     """Print every setting as it would be used."""
-    from ssm_pipeline.pipeline.study import read_study
+    from ssm_pipeline.study.study import read_study
 
     chosen = read_study(study, data, changes or [])
     typer.echo(f"# {chosen.path}")
@@ -91,7 +91,8 @@ def show(study: StudyName, data: DataFolder = None, changes: Changes = None) -> 
 @app.command(name="list")
 def list_studies() -> None:
     """The studies that a name finds from here."""
-    from ssm_pipeline.pipeline.study import read_yaml, study_paths
+    from ssm_pipeline.study.study import study_paths
+    from ssm_pipeline.study.yaml_settings import read_yaml
 
     paths = study_paths()
     width = max((len(name) for name in paths), default=0)
@@ -112,7 +113,7 @@ def init(
     ] = None,
 ) -> None:
     """Write the YAML of a new study on a folder of masks, with comments."""
-    from ssm_pipeline.pipeline.new_study import write_study
+    from ssm_pipeline.commands.new_study import write_study
 
     path = write_study(name, masks, tuple(label), pattern)
     typer.echo(f"wrote {path}. Look it over, then: workflow run {name}")
@@ -130,11 +131,11 @@ def phantoms(
     jobs: Jobs = None,
 ) -> None:
     """The whole pipeline on synthetic lungs with known truth: as scanned, and turned."""
-    from ssm_pipeline.pipeline.phantom_benchmark import run_phantom_benchmark
-    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
-    from ssm_pipeline.pipeline.runner import RunOptions
-    from ssm_pipeline.pipeline.study import read_study
-    from ssm_pipeline.pipeline.terminal import Terminal
+    from ssm_pipeline.commands.phantom_benchmark import run_phantom_benchmark
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
 
     chosen = read_study("phantoms", None, changes or [])
     options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
@@ -161,10 +162,10 @@ def matching(
     device: Device = None,
 ) -> None:
     """Mean geodesic error on shapes with known correspondences, as the papers report it."""
-    from ssm_pipeline.pipeline.benchmark_settings import parse_range, read_preset
-    from ssm_pipeline.pipeline.matching_benchmark_run import run_matching
-    from ssm_pipeline.pipeline.process import chosen_device
-    from ssm_pipeline.pipeline.terminal import Terminal
+    from ssm_pipeline.commands.matching_benchmark import run_matching
+    from ssm_pipeline.commands.matching_benchmark_settings import parse_range, read_preset
+    from ssm_pipeline.engine.process import chosen_device
+    from ssm_pipeline.engine.terminal import Terminal
 
     terminal = Terminal()
     folder = runs / f"matching-{data.resolve().name}"
@@ -200,11 +201,11 @@ def evaluate(
     jobs: Jobs = None,
 ) -> None:
     """Score a run's model again with other evaluation settings, and renew its report."""
-    from ssm_pipeline.pipeline.process import chosen_device, default_jobs
-    from ssm_pipeline.pipeline.runner import RunOptions, run_study
-    from ssm_pipeline.pipeline.stages import STAGES
-    from ssm_pipeline.pipeline.study import read_run_settings
-    from ssm_pipeline.pipeline.terminal import Terminal
+    from ssm_pipeline.commands.run_study import run_study
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_run_settings
 
     wanted = [f"evaluation.samples={samples}"] if samples is not None else []
     wanted += [f"evaluation.folds={folds}"] if folds is not None else []
@@ -212,7 +213,7 @@ def evaluate(
     settings = read_run_settings(run_folder, [*(changes or []), *wanted])
     options = RunOptions(run_folder.parent, chosen_device(device), jobs or default_jobs())
     terminal = Terminal()
-    run_study(run_folder.name, settings, options, terminal, STAGES)
+    run_study(run_folder.name, settings, options, terminal)
     terminal.say(f"tables: {run_folder / 'evaluation'}")
     terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
 
@@ -242,7 +243,7 @@ def figures(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Figures for a paper: modes, interpolation, correspondence, quality curves."""
-    from ssm_pipeline.pipeline.report_stage import draw_figures
+    from ssm_pipeline.commands.figures import draw_figures
 
     for path in draw_figures(runs / Path(study).stem, formats.split(","), changes or []):
         typer.echo(str(path))
@@ -264,7 +265,7 @@ def export(
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """The model for other programs: 3D Slicer, Blender, Scalismo, ShapeWorks, spreadsheets."""
-    from ssm_pipeline.pipeline.export_run import export_run
+    from ssm_pipeline.commands.export_run import export_run
 
     for path in export_run(runs / Path(study).stem, folder, formats.split(","), pseudonymise):
         typer.echo(str(path))
@@ -289,7 +290,7 @@ def main() -> None:
 
 
 def _explained(error: Exception) -> str | None:
-    from ssm_pipeline.pipeline.per_case import CaseFailure
+    from ssm_pipeline.engine.per_case import CaseFailure
     from ssm_pipeline.records import CaseError, StudyError
 
     if isinstance(error, CaseError | StudyError):

@@ -108,7 +108,7 @@ def test_an_installed_wheel_finds_its_studies_in_an_empty_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """What pyproject.toml puts into the wheel is where `study_folders` looks."""
-    from ssm_pipeline.pipeline import study
+    from ssm_pipeline.study import study
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from ssm_pipeline.pipeline.runner import RunOptions, run_study
-from ssm_pipeline.pipeline.settings import StudySettings
-from ssm_pipeline.pipeline.stages import STAGES
-from ssm_pipeline.pipeline.terminal import Terminal
+from ssm_pipeline.commands.run_study import run_study
+from ssm_pipeline.engine.runner import RunOptions
+from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.study.settings import StudySettings
 
 NAME = "luna16"  # the name that README's example reads
 
@@ -63,5 +63,5 @@ def tiny_settings(masks: Path, steps: int = 6) -> StudySettings:
 
 def run_tiny(masks: Path, runs: Path, steps: int = 6, terminal: Terminal | None = None) -> Path:
     return run_study(
-        NAME, tiny_settings(masks, steps), RunOptions(runs), terminal or Terminal(), STAGES
+        NAME, tiny_settings(masks, steps), RunOptions(runs), terminal or Terminal()
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -13,12 +11,9 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.rigid import iterative_closest_point
 from ssm_pipeline.geometry.surface import sample_points
+from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Correspondence, SpectralBasis
 from ssm_pipeline.training.matcher import Matcher
-
-Method = Literal["full", "no-adaptation", "spectral", "adaptation only", "nearest point"]
-# Rows that use no network, so no trained matcher is needed for them.
-WITHOUT_NETWORK: tuple[Method, ...] = ("adaptation only", "nearest point")
 
 
 def correspond(
@@ -26,16 +21,16 @@ def correspond(
     case: SpectralBasis,
     matcher: Matcher | None,
     settings: AdaptationSettings,
-    method: Method = "full",
+    method: PairMethod = "full",
     coarse: CoarsePair | None = None,
 ) -> Correspondence:
     """Match a template to a case.
 
-    full             the network's pose X(1), adapted to the case (Eq. 15–16)
-    no-adaptation    the network's pose X(1)
-    spectral         the soft map of the features alone
-    adaptation only  rigid alignment, adapted to the case; no network
-    nearest point    rigid alignment; no network
+    full                the network's pose X(1), adapted to the case (Eq. 15–16)
+    without adaptation  the network's pose X(1)
+    spectral only       the soft map of the features alone
+    adaptation only     rigid alignment, adapted to the case; no network
+    nearest point       rigid alignment; no network
     Whatever the method, the moved template is then carried to the nearest point on the case's
     triangles; both that point and the nearest vertex are kept. `coarse`: see `pose_path`.
     """
@@ -44,7 +39,7 @@ def correspond(
     else:
         if matcher is None:
             raise ValueError(f"the method {method!r} needs a trained matcher")
-        if method == "spectral":
+        if method == "spectral only":
             posed = carried_case(template, case, matcher)
         else:
             posed = pose_path(template, case, matcher, np.ones(1), coarse)[0]

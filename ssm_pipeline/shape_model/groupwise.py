@@ -1,14 +1,36 @@
-"""The cohort's mean shape laid on every case: where a groupwise round of matching starts."""
+"""Groupwise rounds: the cohort's mean shape, laid on every case, is matched anew."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
-from ssm_pipeline.records import CorrespondedShapes
+from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.correspondence import points_on_cases
+
+MatchStarts = Callable[[int, Mapping[str, np.ndarray]], Sequence[Correspondence]]
+
+
+def groupwise_rounds(
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    rounds: int,
+    match: MatchStarts,
+    mean_of: Collection[str] | None = None,
+) -> CorrespondedShapes:
+    """The shapes after `rounds` rounds of matching the mean, in the template's place.
+
+    shapes, meshes  in the same order, each in its own millimetres.
+    match           (round from 1, case → (V, 3) mm start) → the correspondences, in that order.
+    mean_of         the cases that the means are made of; None: all.
+    """
+    for number in range(1, rounds + 1):
+        matches = match(number, placed_means(shapes, mean_of))
+        shapes = points_on_cases(matches, meshes, shapes.faces)
+    return shapes
 
 
 def placed_means(

@@ -1,0 +1,28 @@
+"""`workflow figures`: a finished run's figures for a paper."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+from ssm_pipeline.report.settings import FigureSettings
+from ssm_pipeline.stages.report import report_content
+from ssm_pipeline.stages.run import load_run
+from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_change
+
+
+def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str]) -> list[Path]:
+    """figures/*: the figures of a finished run, in each format. Raises StudyError."""
+    from ssm_pipeline.report.figures import write_figures
+
+    run = load_run(run_folder)
+    content = report_content(run)
+    stored = run.settings["report"]["figures"]
+    written: list[Path] = []
+    for format in formats:
+        wanted = [*changes, f"format={format.strip()}"]
+        settings = functools.reduce(merge, map(parse_change, wanted), stored)
+        checked_settings = checked_as(FigureSettings, settings, run_folder / "study.yaml")
+        written += write_figures(content, run_folder / "figures", checked_settings)
+    return written

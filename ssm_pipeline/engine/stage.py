@@ -1,0 +1,143 @@
+"""What a stage is, what it is given, and the `stage.json` it leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.per_case import CaseResult, CaseTask, Row, map_cases
+from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.records import Cohort, Dropped
+
+
+class JobSettings(Protocol):
+    """What the engine asks of a study's settings; the stages know the rest."""
+
+    @property
+    def seed(self) -> int: ...
+
+    def to_yaml(self) -> str: ...
+
+
+S = TypeVar("S", bound=JobSettings)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a stage hands on: the cases still in, each with the key of its results."""
+
+    case_keys: Mapping[str, str]
+    dropped: tuple[Dropped, ...] = ()
+    peak_memory_mb: float = 0.0
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Stage(Generic[S]):
+    """One step of the pipeline.
+
+    settings  the part of the settings that its result depends on.
+    needs     the stages whose results it reads; none: the masks themselves.
+    version   to be raised when the code changes what the stage makes of the same input.
+    """
+
+    name: str
+    work: Callable[[StageContext[S]], Outcome]
+    settings: Callable[[S], Any]
+    needs: tuple[str, ...] = ()
+    version: int = 1
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """The content of `stage.json`."""
+
+    stage: str
+    key: str
+    settings: Any
+    seed: int
+    inputs: dict[str, str]
+    versions: dict[str, str]
+    finished_at: str
+    seconds: float
+    peak_memory_mb: float
+    cases_in: list[str]
+    cases_out: list[str]
+    dropped: list[dict[str, str]]
+    case_keys: dict[str, str]
+    note: str = ""
+
+    def write(self, folder: Path) -> None:
+        storage.write_json(folder / "stage.json", dataclasses.asdict(self))
+
+    @staticmethod
+    def read(folder: Path) -> StageRecord | None:
+        path = folder / "stage.json"
+        return StageRecord(**storage.read_json(path)) if path.exists() else None
+
+
+@dataclass(frozen=True)
+class StageContext(Generic[S]):
+    """What a stage's work is given."""
+
+    name: str
+    key: str
+    study: str
+    run_folder: Path
+    settings: S
+    device: str
+    jobs: int
+    terminal: Terminal
+    cohort: Cohort
+    done: Mapping[str, StageRecord]
+    case_keys: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def seed(self) -> int:
+        return self.settings.seed
+
+    def folder(self, stage: str | None = None) -> Path:
+        return self.run_folder / (stage or self.name)
+
+    def case_file(self, stage: str, case_id: str, file: str) -> Path:
+        return self.folder(stage) / case_id / file
+
+    def case_key(self, case_id: str, *parts: Any) -> str:
+        """Key of this stage's results for a case: its results so far, and `parts`."""
+        return key_of(self.name, self.case_keys[case_id], *parts)
+
+    def key_of(self, *parts: Any) -> str:
+        """Key of a result that rests on all cases as they are, and on `parts`."""
+        return key_of(self.name, dict(self.case_keys), *parts)
+
+    def map_cases(
+        self, tasks: Sequence[CaseTask], jobs: int | None = None, folder: Path | None = None
+    ) -> list[CaseResult]:
+        """Do what is not finished of the tasks, in this stage's folder or in one inside it."""
+        place = folder or self.folder()
+        with self.terminal.steps(place.name, len(tasks)) as steps:
+            count = self.jobs if jobs is None else jobs
+            return map_cases(tasks, place, count, steps.advance_to)
+
+    def write_table(self, name: str, rows: Sequence[Row]) -> None:
+        with storage.written_whole(self.folder() / f"{name}.csv") as temporary:
+            pd.DataFrame(list(rows)).to_csv(temporary, index=False)
+
+    def outcome(self, results: Sequence[CaseResult], note: str = "") -> Outcome:
+        return Outcome(
+            {result.case_id: result.key for result in results if result.dropped is None},
+            tuple(
+                Dropped(result.case_id, self.name, result.dropped)
+                for result in results
+                if result.dropped is not None
+            ),
+            max((result.peak_memory_mb for result in results), default=0.0),
+            note,
+        )

@@ -1,0 +1,22 @@
+"""What a stage of a study is given: the engine's context with the study's settings in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.stage import StageContext
+from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.study.settings import StudySettings
+
+Context = StageContext[StudySettings]
+
+
+def training_bases(
+    context: Context, case_ids: Sequence[str] | None = None
+) -> list[SpectralBasis]:
+    """The spectral bases of the coarser meshes that are trained on; by default of all cases."""
+    return [
+        storage.load(SpectralBasis, context.case_file("spectral", case_id, "training_basis.npz"))
+        for case_id in (context.case_keys if case_ids is None else case_ids)
+    ]

@@ -1,0 +1,118 @@
+"""Score the shape model, and those of the methods it is compared with, on the same meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of, key_of_arrays
+from ssm_pipeline.engine.per_case import CaseTask, Row
+from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.methods import FULL, TRUTH
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
+from ssm_pipeline.stages.compared_methods import corresponded_shapes, method_folder
+from ssm_pipeline.stages.context import Context
+from ssm_pipeline.stages.retrained_folds import retrained_generalisation
+from ssm_pipeline.stages.run import Run
+from ssm_pipeline.study.settings import Luna16Data, StudySettings
+
+
+def evaluate_methods(context: Context) -> Outcome:
+    """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
+    from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
+    from ssm_pipeline.evaluation.tables import comparisons, together, with_retrained
+    from ssm_pipeline.shape_model.alignment import align
+    from ssm_pipeline.shape_model.pca import build
+
+    run, settings = Run(context.run_folder), context.settings
+    meshes = [run.mesh(case_id) for case_id in context.case_keys]
+    scores: dict[str, Metrics] = {}
+    for method in (FULL, *(method for method in settings.comparison.methods if method != FULL)):
+        try:
+            shapes = corresponded_shapes(context, run, method, meshes)
+        except CaseError as error:  # a comparison that can't be made does not end the study
+            context.terminal.say(f"      {method} left out: {error}")
+            continue
+        scores[method] = _scores(context, method, settings, shapes, meshes)
+    truth, template = context.cohort.truth, _template_of(run.shapes)
+    if truth is not None:
+        true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
+        scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes)
+    draws, is_luna16 = settings.evaluation.bootstrap_draws, isinstance(settings.data, Luna16Data)
+    tables = together(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
+    if settings.comparison.retrain:
+        retrained = retrained_generalisation(context, settings, meshes)
+        tables |= with_retrained(tables, retrained, draws, settings.seed)
+    if truth is not None and not settings.shape_model.with_scale:
+        floor = build(align(true_shapes)[0])
+        tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
+    for path in context.folder().glob("*.csv"):
+        if path.stem not in tables:  # of other settings; a reader would take it for this run's
+            path.unlink()
+    storage.save_tables(Metrics(tables), context.folder())
+    return Outcome(context.case_keys, note=f"{len(scores)} methods")
+
+
+def _scores(
+    context: Context,
+    method: str,
+    settings: StudySettings,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+) -> Metrics:
+    """A method's tables, from its folder if they are up to date. Raises CaseError."""
+    folder = method_folder(context, method)
+    mesh_keys = context.done["meshing"].case_keys
+    key = key_of(
+        method,
+        key_of_arrays(shapes.vertices, shapes.faces),
+        [mesh_keys[case_id] for case_id in shapes.case_ids],
+        shapes.template_id,
+        settings.evaluation,
+        settings.shape_model,
+        settings.seed,
+    )
+    work = partial(_write_scores, context, method, settings, shapes, meshes)
+    (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
+    if result.dropped is not None:
+        raise CaseError(method, result.dropped)
+    return storage.load_tables(folder / "scores")
+
+
+def _write_scores(
+    context: Context,
+    method: str,
+    settings: StudySettings,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    folder: Path,
+) -> Row:
+    """The tables of `evaluate_method`; of a synthetic cohort also the errors against the truth."""
+    from ssm_pipeline.evaluation.evaluate import evaluate_method
+
+    metrics = evaluate_method(
+        method,
+        shapes,
+        meshes,
+        settings.evaluation,
+        settings.seed,
+        with_scale=settings.shape_model.with_scale,
+        jobs=context.jobs,
+    )
+    storage.save_tables(metrics, folder)
+    truth = context.cohort.truth
+    if truth is not None:
+        from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
+
+        errors = correspondence_errors(shapes, _template_of(shapes), truth)
+        errors.insert(0, "method", method)
+        storage.save_tables(Metrics({"truth": errors}), folder)
+    return {}
+
+
+def _template_of(shapes: CorrespondedShapes) -> Mesh:
+    """The template as matched: its own points, which groupwise rounds and S3M choose themselves."""
+    own = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
+    return Mesh(own, shapes.faces, shapes.template_id)

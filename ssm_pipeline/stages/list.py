@@ -1,0 +1,58 @@
+"""The pipeline: reading this list is reading the pipeline."""
+
+from __future__ import annotations
+
+from ssm_pipeline.engine.stage import Stage
+from ssm_pipeline.stages.correspondence import match_cases
+from ssm_pipeline.stages.data import list_cases
+from ssm_pipeline.stages.evaluation import evaluate_methods
+from ssm_pipeline.stages.groupwise import match_mean
+from ssm_pipeline.stages.meshing import make_meshes
+from ssm_pipeline.stages.report import what_the_report_rests_on, write_report
+from ssm_pipeline.stages.shape_model import build_model
+from ssm_pipeline.stages.spectral import make_bases
+from ssm_pipeline.stages.training import train_matcher
+from ssm_pipeline.study.settings import StudySettings
+
+STAGES: tuple[Stage[StudySettings], ...] = (
+    Stage(
+        "data",
+        list_cases,
+        lambda s: {"data": s.data.model_dump(mode="json", exclude={"folder"})},
+    ),
+    Stage("meshing", make_meshes, lambda s: s.meshing, needs=("data",)),
+    Stage(
+        "spectral",
+        make_bases,
+        lambda s: {"spectral": s.spectral, "training_faces": s.training.faces},
+        needs=("meshing",),
+    ),
+    Stage(
+        "training",
+        train_matcher,
+        lambda s: {"training": s.training, "seed": s.seed},
+        needs=("spectral",),
+    ),
+    Stage(
+        "correspondence",
+        match_cases,
+        lambda s: {"adaptation": s.adaptation, "template": s.template, "paths": s.report.paths},
+        needs=("spectral", "training"),
+        version=2,
+    ),
+    Stage(
+        "groupwise",
+        match_mean,
+        lambda s: {"groupwise": s.groupwise, "adaptation": s.adaptation},
+        needs=("spectral", "correspondence"),
+    ),
+    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",)),
+    Stage(
+        "evaluation",
+        evaluate_methods,
+        lambda s: {"evaluation": s.evaluation, "comparison": s.comparison, "seed": s.seed},
+        needs=("shape_model",),
+        version=2,
+    ),
+    Stage("report", write_report, what_the_report_rests_on, needs=("evaluation",)),
+)

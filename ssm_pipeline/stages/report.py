@@ -1,0 +1,90 @@
+"""Gather what the stages left and write the report page; nothing is computed again."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from ssm_pipeline.engine.keys import key_of_files
+from ssm_pipeline.engine.process import versions
+from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.methods import FULL
+from ssm_pipeline.stages.context import Context
+from ssm_pipeline.stages.landmark_file import landmarks_on_template, read_landmarks
+from ssm_pipeline.stages.run import Run
+from ssm_pipeline.study.settings import StudySettings
+
+if TYPE_CHECKING:
+    from ssm_pipeline.report.content import ReportContent
+
+
+def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
+    """Its settings, and what the landmark file holds. Raises StudyError if it can't be read."""
+    path = settings.report.landmarks
+    if path is None:
+        return {"report": settings.report}
+    read_landmarks(path)
+    return {"report": settings.report, "landmarks": key_of_files([path])}
+
+
+def write_report(context: Context) -> Outcome:
+    """index.html: the page, one file."""
+    from ssm_pipeline.report.page import write_page
+
+    run, path = Run(context.run_folder), context.settings.report.landmarks
+    content = report_content(run)
+    if path is not None:
+        content = dataclasses.replace(content, landmarks=landmarks_on_template(path, run))
+    write_page(content, context.folder() / "index.html", context.settings.report)
+    return Outcome(context.case_keys)
+
+
+def report_content(run: Run) -> ReportContent:
+    """What the report shows, read from the files of a run's stages."""
+    from ssm_pipeline.evaluation.model_quality import move_meshes
+    from ssm_pipeline.report.content import ReportContent
+
+    frames = [run.frames[case_id] for case_id in run.cases]
+    meshes = [run.mesh(case_id) for case_id in run.cases]
+    tables = dict(run.metrics.tables)
+    tables["compactness"] = tables["compactness"].rename(columns={"compactness": "share"})
+    fits = tables.pop("correspondence")
+    fits = fits[fits["method"] == FULL].drop(columns=["method", "seed"])
+    return ReportContent(
+        study=run.folder.name,
+        is_synthetic=run.settings["data"]["source"] == "phantoms",
+        model=run.model,
+        aligned=run.aligned,
+        frames=tuple(frames),
+        meshes=tuple(move_meshes(meshes, run.cases, frames)),
+        paths=tuple(run.path(case_id) for case_id in run.path_cases),
+        correspondence=fits.rename(columns={"fit_mm": "surface_mm", "fit_hd95_mm": "hd95_mm"}),
+        metrics=tables,
+        cohort=_cohort(run),
+        stages=tuple(
+            {
+                "name": record.stage,
+                "seconds": record.seconds,
+                "peak_memory_mb": record.peak_memory_mb,
+                "cases_in": len(record.cases_in),
+                "cases_out": len(record.cases_out),
+            }
+            for record in run.stages
+            if record.stage != "report"
+        ),
+        settings=run.settings,
+        versions=versions(),
+        seed=run.settings["seed"],
+    )
+
+
+def _cohort(run: Run) -> pd.DataFrame:
+    """Mesh quality a case, and the reasons of those left out."""
+    quality = run.mesh_quality.set_index("case_id")
+    reasons = {case.case_id: f"{case.stage}: {case.reason}" for case in run.dropped}
+    left_out = [case_id for case_id in reasons if case_id not in quality.index]
+    table = quality.reindex([*quality.index, *left_out]).reset_index(names="case_id")
+    table["dropped"] = [reasons.get(case_id, "") for case_id in table["case_id"]]
+    return table.fillna({"warnings": ""})

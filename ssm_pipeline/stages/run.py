@@ -1,0 +1,137 @@
+"""A finished run, read back: `load_run("runs/luna16").model`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.records import (
+    CorrespondedShapes,
+    Correspondence,
+    Dropped,
+    Frame,
+    Mesh,
+    Metrics,
+    ShapePath,
+    StudyError,
+)
+from ssm_pipeline.shape_model.model import ShapeModel
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Per case, the frame from its own millimetres to the model's."""
+
+    case_ids: tuple[str, ...]
+    frames: tuple[Frame, ...]
+
+
+@dataclass(frozen=True)
+class Run:
+    """The results in a run's folder; each is read when it is first asked for."""
+
+    folder: Path
+
+    @cached_property
+    def model(self) -> ShapeModel:
+        return storage.load(ShapeModel, self._file("shape_model", "model.npz"))
+
+    @cached_property
+    def shapes(self) -> CorrespondedShapes:
+        """The corresponded shapes, each in its own millimetres."""
+        return storage.load(CorrespondedShapes, self._file("groupwise", "shapes.npz"))
+
+    @cached_property
+    def aligned(self) -> CorrespondedShapes:
+        """The corresponded shapes in the model's frame."""
+        return storage.load(CorrespondedShapes, self._file("shape_model", "aligned.npz"))
+
+    @property
+    def frames(self) -> dict[str, Frame]:
+        """Case → frame from its own millimetres to the model's."""
+        stored = storage.load(Frames, self._file("shape_model", "frames.npz"))
+        return dict(zip(stored.case_ids, stored.frames, strict=True))
+
+    @property
+    def cases(self) -> tuple[str, ...]:
+        """The cases in the model, in its order."""
+        return self.model.case_ids
+
+    @property
+    def dropped(self) -> tuple[Dropped, ...]:
+        return tuple(Dropped(**case) for stage in self.stages for case in stage.dropped)
+
+    @property
+    def template_id(self) -> str:
+        return storage.read_json(self._file("correspondence", "template.json"))["template_id"]
+
+    def mesh(self, case_id: str) -> Mesh:
+        """A case's own surface, in its own millimetres (LPS)."""
+        return storage.load(Mesh, self._file("meshing", case_id, "mesh.npz"))
+
+    def correspondence(self, case_id: str) -> Correspondence:
+        """The template matched to the case, before the groupwise rounds; `shapes` is after."""
+        path = self._file("correspondence", case_id, "correspondence.npz")
+        return storage.load(Correspondence, path)
+
+    def path(self, case_id: str) -> ShapePath:
+        """The interpolation template → case. Raises StudyError for a case without one."""
+        return storage.load(ShapePath, self._file("correspondence", case_id, "path.npz"))
+
+    @property
+    def path_cases(self) -> tuple[str, ...]:
+        """The cases that `path` knows; `report.paths` in the settings is their number."""
+        found = (self.folder / "correspondence").glob("*/path.npz")
+        return tuple(sorted(path.parent.name for path in found))
+
+    @property
+    def metrics(self) -> Metrics:
+        """The evaluation's tables by name, units in the column names."""
+        return storage.load_tables(self._file("evaluation", "stage.json").parent)
+
+    @property
+    def mesh_quality(self) -> pd.DataFrame:
+        """A row a case: triangles, Euler number, volume and its change, warnings."""
+        path = self._file("meshing", "quality.csv")
+        table = pd.read_csv(path, dtype={"case_id": str, "warnings": str})
+        return table.fillna({"warnings": ""})
+
+    @property
+    def stages(self) -> tuple[StageRecord, ...]:
+        """What each finished stage left in its `stage.json`, in the order they finished."""
+        records = (StageRecord.read(path.parent) for path in self.folder.glob("*/stage.json"))
+        found = [record for record in records if record is not None]
+        return tuple(sorted(found, key=lambda record: record.finished_at))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return yaml.safe_load(self._file("study.yaml").read_text(encoding="utf-8"))
+
+    def _file(self, *parts: str) -> Path:
+        """A file of a stage. Raises StudyError if it is absent, or its stage was cut off."""
+        path = self.folder.joinpath(*parts)
+        if len(parts) > 1 and not (self.folder / parts[0] / "stage.json").exists():
+            raise StudyError(
+                f"{self.folder}: the stage {parts[0]} is not finished, so its files may be of "
+                "other settings. Let the run come to its end: workflow run."
+            )
+        if not path.exists():
+            raise StudyError(
+                f"{self.folder} has no {'/'.join(parts)}. Check the case id, or let the run come "
+                "to its end: workflow run."
+            )
+        return path
+
+
+def load_run(folder: str | Path) -> Run:
+    """A run's results. Raises StudyError if the folder holds no run."""
+    if not (Path(folder) / "study.json").is_file():
+        raise StudyError(f"{folder} holds no run; give a folder such as runs/luna16.")
+    return Run(Path(folder))

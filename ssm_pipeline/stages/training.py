@@ -1,0 +1,38 @@
+"""Train the matcher, from its last checkpoint if it was stopped, and rank the templates."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.stages.context import Context, training_bases
+from ssm_pipeline.stages.resumable_training import forget_checkpoint, train_resumably
+
+
+def train_matcher(context: Context) -> Outcome:
+    """matcher.pt, losses.csv (a row a step) and template_losses.csv (a row a case)."""
+    from ssm_pipeline.training.matcher import save_matcher
+    from ssm_pipeline.training.template import choose_template
+
+    settings, folder = context.settings.training, context.folder()
+    bases = training_bases(context)
+    matcher, history = train_resumably(
+        bases,
+        settings,
+        context.seed,
+        context.device,
+        folder,
+        context.key,
+        "training",
+        context.terminal,
+    )
+    _, template_losses = choose_template(matcher, bases)
+    save_matcher(matcher, folder / "matcher.pt")
+    rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
+    context.write_table("losses", rows)
+    with storage.written_whole(folder / "template_losses.csv") as temporary:
+        template_losses.to_csv(temporary, index=False)
+    forget_checkpoint(folder, context.key)
+    last = pd.DataFrame(rows[-100:])["total"].mean()
+    return Outcome(context.case_keys, note=f"{settings.steps} steps, loss {last:.3g}")

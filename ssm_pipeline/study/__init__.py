@@ -1,0 +1,1 @@
+"""What a study is: its settings, the YAML they are read from, the cohort they name."""

@@ -1,0 +1,85 @@
+"""Settings from YAML: read, laid over each other, checked key by key."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from ssm_pipeline.records import StudyError
+from ssm_pipeline.settings import Settings
+from ssm_pipeline.study.known_keys import known_keys
+
+Kind = TypeVar("Kind", bound=Settings)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path} is not readable as YAML: {error}") from error
+    if not isinstance(content, dict):
+        raise StudyError(f"{path} holds no settings; `workflow init` writes a file to start from.")
+    return content
+
+
+def parse_change(change: str) -> dict[str, Any]:
+    """`training.steps=2000` → {"training": {"steps": 2000}}; the value is read as YAML."""
+    key, equals, text = change.partition("=")
+    names = key.strip().split(".")
+    if not equals or not all(names):
+        raise StudyError(f"--set {change}: section.name=value is needed, as training.steps=2000.")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise StudyError(f"--set {change}: the value is not readable as YAML: {error}") from error
+    for name in reversed(names):
+        value = {name: value}
+    return value
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`over` laid over `base`, section by section. A new `source` starts its section afresh."""
+    merged = dict(base)
+    for name, value in over.items():
+        old = merged.get(name)
+        if isinstance(value, Mapping) and isinstance(old, Mapping):
+            replaced = "source" in value and value["source"] != old.get("source")
+            merged[name] = dict(value) if replaced else merge(old, value)
+        else:
+            merged[name] = value
+    return merged
+
+
+def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind:
+    """Settings of a class from a file's content. Raises StudyError, a line a problem."""
+    try:
+        return kind.model_validate(content)
+    except ValidationError as error:
+        known = known_keys(kind)
+        lines = []
+        for problem in error.errors():
+            # The discriminator of `data` appears in the location; it is no key of the file.
+            where = [str(part) for part in problem["loc"]]
+            if where[:1] == ["data"] and where[1:2] and where[1] in ("luna16", "masks", "phantoms"):
+                section, where = f"data:{where[1]}", ["data", *where[2:]]
+            else:
+                section = ".".join(where[:-1])
+            if problem["type"] == "extra_forbidden":
+                near = nearest(where[-1], known.get(section, ()))
+                lines.append(f"there is no setting {'.'.join(where)}.{near}")
+            elif problem["type"] == "value_error":  # of ours: says itself what was found
+                place = f"{'.'.join(where)}: " if where else ""
+                lines.append(f"{place}{problem['ctx']['error']}")
+            else:
+                lines.append(f"{'.'.join(where)}: {problem['msg']}; found {problem['input']!r}")
+        raise StudyError(f"{path}: " + "\n  ".join(lines)) from error
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f" Did you mean {near[0]}?" if near else f" Known here: {', '.join(known)}."

@@ -1,0 +1,119 @@
+"""`workflow export` on a finished run: files listed, ids or pseudonyms, and never both."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from command_line import Workflow
+
+from ssm_pipeline import cli, load_run
+from ssm_pipeline.commands.export_run import FORMATS
+from ssm_pipeline.commands.pseudonyms import pseudonyms_of
+
+
+@pytest.fixture
+def run_copy(tiny_run: Path, tmp_path: Path) -> Path:
+    copy = tmp_path / "runs" / tiny_run.name
+    shutil.copytree(tiny_run, copy)
+    return copy
+
+
+def test_every_format_is_written_and_listed(workflow: Workflow, run_copy: Path):
+    said = workflow("export", "luna16")
+    assert said.code == 0, said.stderr
+    listed = {Path(line).resolve() for line in said.stdout.splitlines()}
+    folder = run_copy / "export"
+    assert listed == {path for path in folder.rglob("*") if path.is_file()}
+    files = {path.relative_to(folder).as_posix() for path in listed}
+    assert {"model.npz", "scores.csv", "modes.csv", "model.glb", "model.vtp"} <= files
+    assert {"model.h5", "meshes/mean.ply", "shapeworks/model.swproj", "export.json"} <= files
+    about = json.loads((folder / "export.json").read_text())
+    assert (about["synthetic"], about["space"], about["unit"]) == (False, "LPS", "mm")
+    assert (about["cases"], about["modes"]) == (4, 3)
+
+
+def test_the_template_lies_on_its_own_scan(workflow: Workflow, run_copy: Path, tmp_path: Path):
+    said = workflow("export", "luna16", "--format", "ply", "--to", "out")
+    assert said.code == 0, said.stderr
+    run = load_run(run_copy)
+    template = trimesh.load_mesh(tmp_path / "out/meshes/template.ply", process=False)
+    own = run.shapes.vertices[run.cases.index(run.template_id)]
+    np.testing.assert_allclose(template.vertices, own, atol=1e-5)  # float32 at 40 mm
+    assert not (run_copy / "export").exists()
+    assert not list((tmp_path / "out").glob("*.npz"))
+
+
+def test_particles_and_pictures_are_of_one_case(workflow: Workflow, run_copy: Path):
+    assert workflow("export", "luna16", "--format", "shapeworks").code == 0
+    run, folder = load_run(run_copy), run_copy / "export" / "shapeworks"
+    for row in json.loads((folder / "model.swproj").read_text())["data"]:
+        surface = trimesh.load_mesh(folder / row["groomed_1"], process=False)
+        np.testing.assert_allclose(surface.vertices, run.mesh(row["name"]).vertices, atol=1e-5)
+        particles = np.loadtxt(folder / row["local_particles_1"])
+        _, distances, _ = trimesh.proximity.closest_point_naive(surface, particles[::10])
+        assert distances.max() < 1e-4  # mm
+
+
+def test_no_file_of_a_pseudonymised_export_names_a_case(workflow: Workflow, run_copy: Path):
+    said = workflow("export", "luna16", "--pseudonymise")
+    assert said.code == 0, said.stderr
+    folder, cases = run_copy / "export-pseudonymised", load_run(run_copy).cases
+    for path in folder.rglob("*"):
+        assert not any(case in str(path.relative_to(folder)) for case in cases), path
+        if path.is_file() and path.suffix != ".npz":  # compressed: read below
+            assert not any(case.encode() in path.read_bytes() for case in cases), path
+    with np.load(folder / "model.npz") as file:
+        assert list(file["case_ids"]) == ["case_001", "case_002", "case_003", "case_004"]
+    scores = pd.read_csv(folder / "scores.csv").set_index("case_id")
+    key = pd.read_csv(run_copy / "pseudonyms.csv")
+    assert sorted(key["case_id"]) == sorted(cases)
+    for row in key.itertuples():  # the key leads back to the right case
+        own = load_run(run_copy).model.scores[cases.index(row.case_id)]
+        np.testing.assert_allclose(scores.loc[row.pseudonym], own)
+
+
+def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: Path):
+    assert workflow("export", "luna16", "--format", "csv", "--to", "out").code == 0
+    mixed = workflow("export", "luna16", "--format", "npz", "--to", "out", "--pseudonymise")
+    assert mixed.code == 1
+    assert "out holds the cases' own ids" in mixed.stderr
+    assert not Path("out/model.npz").exists()
+    assert workflow("export", "luna16", "--to", "out", "--format", "npz").code == 0  # adds to it
+    assert workflow("export", "luna16", "--to", "hidden", "--pseudonymise").code == 0
+    mixed = workflow("export", "luna16", "--to", "hidden")
+    assert mixed.code == 1
+    assert "hidden holds pseudonyms" in mixed.stderr
+    key_inside = workflow("export", "luna16", "--to", "runs", "--pseudonymise")
+    assert key_inside.code == 1
+    assert "would hold the key" in key_inside.stderr
+
+
+def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path):
+    assert pseudonyms_of(["b", "007"], tmp_path) == {"b": "case_001", "007": "case_002"}
+    assert pseudonyms_of(["a", "007", "NA"], tmp_path) == {
+        "a": "case_003",
+        "007": "case_002",
+        "NA": "case_004",
+    }
+    assert pseudonyms_of(["b"], tmp_path) == {"b": "case_001"}
+
+
+def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path):
+    said = workflow("export", "luna16", "--format", "npz,stl")
+    assert said.code == 1
+    assert f"there is no export format stl. Known: {', '.join(FORMATS)}." in said.stderr
+    assert not (run_copy / "export").exists()
+    said = workflow("export", "hippocampus")
+    assert said.code == 1
+    assert "holds no run" in said.stderr
+
+
+def test_all_formats_are_the_default():
+    assert inspect.signature(cli.export).parameters["formats"].default == ",".join(FORMATS)
