@@ -73,14 +73,21 @@ def chamfer(a: PointTarget, b: PointTarget) -> float:
     return float(0.5 * (a_to_b.mean(dtype=np.float64) + b_to_a.mean(dtype=np.float64)))
 
 
-def surface_distance(a: SurfaceTarget, b: SurfaceTarget) -> SurfaceDistance:
-    """From the vertices of each surface to the triangles of the other, both directions.
+def symmetric(a_to_b: np.ndarray, b_to_a: np.ndarray) -> SurfaceDistance:
+    """Of the distances of each surface's points to the other, (A,) and (B,).
 
     The mean is the mean of the two directed means, HD95 the larger of the two directed 95th
     percentiles, so that a small surface inside a large one can't look good.
+
+    >>> symmetric(np.array([1.0, 1.0]), np.array([3.0, 3.0, 3.0]))
+    SurfaceDistance(mean=2.0, hd95=3.0)
     """
-    a_to_b, b_to_a = b.distances_to(a.vertices), a.distances_to(b.vertices)
     return SurfaceDistance(
         mean=float(0.5 * (a_to_b.mean() + b_to_a.mean())),
         hd95=float(max(np.percentile(a_to_b, 95), np.percentile(b_to_a, 95))),
     )
+
+
+def surface_distance(a: SurfaceTarget, b: SurfaceTarget) -> SurfaceDistance:
+    """From the vertices of each surface to the triangles of the other, both directions."""
+    return symmetric(b.distances_to(a.vertices), a.distances_to(b.vertices))

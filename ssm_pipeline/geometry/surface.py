@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
+from ssm_pipeline.geometry.barycentric import interpolated
+
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(F, 3) outward normals with length twice the triangle's area."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return np.cross(b - a, c - a)
+    """(F, 3) unit normals, outward; a triangle without area has zero.
+
+    >>> face_normals(np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]]), np.array([[0, 1, 2]]))
+    array([[0., 0., 1.]])
+    """
+    return _unit(_normals_times_twice_area(vertices, faces))
 
 
 def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(F,) in the vertices' unit, squared."""
-    return 0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1)
+    return 0.5 * np.linalg.norm(_normals_times_twice_area(vertices, faces), axis=1)
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(V, 3) unit normals, area-weighted; a vertex without triangles keeps zero."""
-    of_faces = face_normals(vertices, faces)
+    of_faces = _normals_times_twice_area(vertices, faces)
     corners = faces.ravel()
     sums = [np.bincount(corners, np.repeat(of_faces[:, d], 3), len(vertices)) for d in range(3)]
-    normals = np.stack(sums, axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return _unit(np.stack(sums, axis=1))
 
 
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The surface's whole area, in the vertices' unit, squared."""
     return float(face_areas(vertices, faces).sum())
 
 
@@ -47,7 +52,7 @@ def sample_surface(
     """Even random points on a surface, stratified over its area.
 
     Returns (count,) face indices and (count, 3) barycentric weights: the points are
-    `einsum('sc,scd->sd', barycentric, vertices[faces[face]])`, and move with the vertices.
+    `interpolated(vertices, faces[face], barycentric)`, and move with the vertices.
     """
     cumulative = np.cumsum(face_areas(vertices, faces))
     # One draw in each of `count` equal strips of area: far less clumping than free draws.
@@ -62,4 +67,13 @@ def sample_points(
 ) -> np.ndarray:
     """(count, 3) even random points on the surface."""
     face, weights = sample_surface(vertices, faces, count, generator)
-    return np.einsum("sc,scd->sd", weights, vertices[faces[face]])
+    return interpolated(vertices, faces[face], weights)
+
+
+def _normals_times_twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
