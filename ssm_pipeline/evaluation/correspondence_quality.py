@@ -9,7 +9,7 @@ import pandas as pd
 
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.geometry.distances import PointTarget
+from ssm_pipeline.geometry.distances import PointTarget, symmetric
 from ssm_pipeline.geometry.surface import area, face_normals, sample_points
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 
@@ -23,7 +23,7 @@ def correspondence_quality(
     """Fit, orientation, coverage and bijectivity of each case's template.
 
     shapes   (N, V, 3) mm, aligned; meshes: N, in the same order and frame.
-    Returns  one row per case; NaN for what asks for the template's triangles where it has none:
+    Returns  one row per case:
         to_case_mm, to_case_hd95_mm       template vertices to the case's triangles
         from_case_mm, from_case_hd95_mm   case vertices to the template's triangles
         surface_mm, hd95_mm               mean of the two means, larger of the two HD95
@@ -61,18 +61,15 @@ def flipped_share(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> float:
 
 def _fit(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> dict[str, float]:
     to_case = closest_points(vertices, mesh.vertices, mesh.faces).distances
-    to_hd95 = np.percentile(to_case, 95)
-    fit = {"to_case_mm": to_case.mean(), "to_case_hd95_mm": to_hd95}
-    if not len(faces):  # a point cloud: distances to points would not compare with these
-        from_template = ("from_case_mm", "from_case_hd95_mm", "surface_mm", "hd95_mm")
-        return fit | dict.fromkeys((*from_template, "flipped_percent"), np.nan)
     from_case = closest_points(mesh.vertices, vertices, faces).distances
-    from_hd95 = np.percentile(from_case, 95)
-    return fit | {
+    both = symmetric(to_case, from_case)
+    return {
+        "to_case_mm": to_case.mean(),
+        "to_case_hd95_mm": np.percentile(to_case, 95),
         "from_case_mm": from_case.mean(),
-        "from_case_hd95_mm": from_hd95,
-        "surface_mm": 0.5 * (to_case.mean() + from_case.mean()),
-        "hd95_mm": max(to_hd95, from_hd95),
+        "from_case_hd95_mm": np.percentile(from_case, 95),
+        "surface_mm": both.mean,
+        "hd95_mm": both.hd95,
         "flipped_percent": 100 * flipped_share(vertices, faces, mesh),
     }
 

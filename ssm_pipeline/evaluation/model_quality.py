@@ -71,7 +71,6 @@ def generalisation(
                many as the smallest model has, for all): case_id, modes,
                chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
                two samplings of the case's own mesh: what a perfect model would score), points.
-               Without faces surface_mm and hd95_mm are NaN.
     """
     count = len(aligned.case_ids)
     if folds is None:
@@ -179,22 +178,19 @@ def _reconstruction_errors(
         for _ in range(2)
     ]
     floor = chamfer(*samples)
-    surface = SurfaceTarget.of(mesh.vertices, mesh.faces) if len(model.faces) else None
+    surface = SurfaceTarget.of(mesh.vertices, mesh.faces)
     scores = model.coefficients(shape)
     rows: list[dict[str, object]] = []
     for modes in mode_numbers:
         rebuilt = model.reconstruct(scores[:modes])
-        mean_mm, hd95_mm = np.nan, np.nan
-        if surface is not None:
-            distance = surface_distance(SurfaceTarget.of(rebuilt, model.faces), surface)
-            mean_mm, hd95_mm = distance.mean, distance.hd95
+        distance = surface_distance(SurfaceTarget.of(rebuilt, model.faces), surface)
         rows.append(
             {
                 "case_id": mesh.case_id,
                 "modes": modes,
                 "chamfer_mm": chamfer(PointTarget.of(points.on(rebuilt)), samples[0]),
-                "surface_mm": mean_mm,
-                "hd95_mm": hd95_mm,
+                "surface_mm": distance.mean,
+                "hd95_mm": distance.hd95,
                 "correspondence_mm": np.linalg.norm(rebuilt - shape, axis=1).mean(),
                 "chamfer_floor_mm": floor,
                 "points": points.count,

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import orth, subspace_angles
 
+from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import ClosestPoints, closest_points
 from ssm_pipeline.geometry.geodesics import geodesics_between
 from ssm_pipeline.geometry.rigid import best_frame
@@ -129,8 +130,7 @@ def _surfaces(truth: PhantomTruth, case_ids: tuple[str, ...]) -> np.ndarray:
 
 def _carried(points: ClosestPoints, fields: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(N, R, 3) values at the reference's vertices → (N, V, 3) at the template's."""
-    corners = faces[points.faces]
-    return np.einsum("vc,nvcd->nvd", points.barycentric, fields[:, corners])
+    return interpolated(fields, faces[points.faces], points.barycentric)
 
 
 def _without_rigid(modes: np.ndarray, shape: np.ndarray) -> np.ndarray:

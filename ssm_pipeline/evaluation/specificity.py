@@ -17,7 +17,7 @@ import pandas as pd
 
 from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
-from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer
+from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, symmetric
 from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
@@ -40,7 +40,7 @@ def specificity(
     modes    the numbers of modes; by default 1 … all, or `settings.mode_counts` of them.
     jobs     processes, one number of modes each at a time; the result does not depend on it.
     Returns  one row per M: modes, chamfer_mm, chamfer_se_mm, samples; surface_mm, surface_se_mm,
-             hd95_mm, hd95_se_mm, surface_samples (NaN and 0 for a model without faces);
+             hd95_mm, hd95_se_mm, surface_samples;
              chamfer_floor_mm, the mean Chamfer of two samplings of one training mesh; points.
              Standard errors are over the draws.
     """
@@ -83,11 +83,7 @@ def _row(
         settings.screening_points,
         settings.screening_errors,
     )
-    surface = np.empty((0, 2))
-    if len(model.faces):
-        surface = _nearest_surface(
-            model, scores[: settings.surface_samples], meshes, left, settings
-        )
+    surface = _nearest_surface(model, scores[: settings.surface_samples], meshes, left, settings)
     return (
         {"modes": model.mode_count}
         | _mean_and_error("chamfer", nearest)
@@ -173,12 +169,8 @@ def _nearest_surface(
             surface = surfaces[target]
             out = surface.distances_to(_thinned(vertices, settings.surface_points))
             back = draw.distances_to(_thinned(surface.vertices, settings.surface_points))
-            found.append(
-                (
-                    0.5 * (out.mean() + back.mean()),
-                    max(np.percentile(out, 95), np.percentile(back, 95)),
-                )
-            )
+            distance = symmetric(out, back)
+            found.append((distance.mean, distance.hd95))
         result[index] = np.min(found, axis=0)
     return result
 
@@ -195,7 +187,5 @@ def _thinned(points: np.ndarray, count: int) -> np.ndarray:
 
 def _mean_and_error(name: str, values: np.ndarray) -> dict[str, float]:
     """Mean and standard error over independent draws, in mm."""
-    if not len(values):
-        return {f"{name}_mm": np.nan, f"{name}_se_mm": np.nan}
     error = values.std(ddof=1) / np.sqrt(len(values))
     return {f"{name}_mm": float(values.mean()), f"{name}_se_mm": float(error)}

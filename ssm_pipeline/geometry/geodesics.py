@@ -20,6 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
 from ssm_pipeline.geometry.closest_point import ClosestPoints
+from ssm_pipeline.geometry.topology import directed_edges, opposite_edges
 
 STRIPS = 5  # triangles unfolded beyond a vertex's own ring; error and time balanced by measurement
 _CHUNK = 256  # sources a Dijkstra call: bounds the dense block to 256 × V numbers
@@ -33,9 +34,9 @@ def straight_line_graph(
     vertices (V, 3), faces (F, 3) of a manifold, oriented mesh (open or closed). `strips` = 0
     leaves the mesh's edges alone; each more unfolds one triangle further.
     """
-    halfedges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    halfedges = directed_edges(faces)
     opposite = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
-    across = _twins(halfedges, len(vertices))
+    across = opposite_edges(faces)
     lengths = np.linalg.norm(vertices[halfedges[:, 1]] - vertices[halfedges[:, 0]], axis=1)
 
     rows, columns, weights = [halfedges[:, 0]], [halfedges[:, 1]], [lengths]
@@ -130,16 +131,6 @@ def _between_vertices(
             break  # another component: the distance is infinite
         limit = 4 * limit if limit < 8 * chord.max() else np.inf
     return result
-
-
-def _twins(halfedges: np.ndarray, vertex_count: int) -> np.ndarray:
-    """(H,) the halfedge that runs the other way, −1 on a boundary."""
-    key = halfedges[:, 0] * vertex_count + halfedges[:, 1]
-    reverse = halfedges[:, 1] * vertex_count + halfedges[:, 0]
-    order = np.argsort(key)
-    place = np.minimum(np.searchsorted(key[order], reverse), len(key) - 1)
-    found = order[place]
-    return np.where(key[found] == reverse, found, -1)
 
 
 def _apex(

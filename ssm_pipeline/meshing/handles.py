@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
-from ssm_pipeline.geometry.topology import directed_edges, euler_number
+from ssm_pipeline.geometry.topology import directed_edges, euler_number, opposite_edges
 from ssm_pipeline.meshing.smoothing import laplacian_smoothing
 from ssm_pipeline.records import Mesh
 
@@ -114,8 +114,7 @@ def _cut_along(mesh: Mesh, loop: np.ndarray) -> Mesh:
     count, vertex_count = len(faces), len(mesh.vertices)
     directed = directed_edges(faces)
     key = directed[:, 0] * vertex_count + directed[:, 1]
-    order = np.argsort(key)
-    opposite = order[np.searchsorted(key[order], directed[:, 1] * vertex_count + directed[:, 0])]
+    opposite = opposite_edges(faces)
     following_loop = np.roll(loop, -1)
     on_loop = np.isin(
         key, np.r_[loop * vertex_count + following_loop, following_loop * vertex_count + loop]

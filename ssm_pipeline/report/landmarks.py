@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
 
 
@@ -58,5 +59,4 @@ def carry_landmarks(
     Returns   (N, L, 3): each landmark keeps its triangle and its place inside it.
     """
     nearest = closest_points(positions, template, faces)
-    corners = shapes[:, faces[nearest.faces]]
-    return np.einsum("lc,nlcd->nld", nearest.barycentric, corners)
+    return interpolated(shapes, faces[nearest.faces], nearest.barycentric)

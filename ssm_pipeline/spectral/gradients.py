@@ -6,12 +6,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from ssm_pipeline.geometry.surface import vertex_normals
+from ssm_pipeline.geometry.topology import edges
 
 
 def one_ring_edges(faces: np.ndarray) -> np.ndarray:
     """(E, 2) int: every edge of the mesh once in each direction, sorted by its start."""
-    both = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return np.unique(np.concatenate([both, both[:, ::-1]]), axis=0)
+    once = edges(faces)
+    both = np.concatenate([once, once[:, ::-1]])
+    return both[np.lexsort((both[:, 1], both[:, 0]))]
 
 
 def gradient_operators(

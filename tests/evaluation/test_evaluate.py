@@ -1,4 +1,3 @@
-import dataclasses
 
 import numpy as np
 import pandas as pd
@@ -43,23 +42,6 @@ def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, sco
     again = evaluate_method("ours", shapes, meshes[::-1], SETTINGS, seed=7, jobs=2)
     for name, table in scored.tables.items():
         pd.testing.assert_frame_equal(table, again.tables[name])
-
-
-def test_point_clouds_are_scored_by_as_many_points(cohort, scored):
-    shapes, meshes = cohort
-    cloud = dataclasses.replace(shapes, faces=np.empty((0, 3), dtype=np.int64))
-    metrics = evaluate_method("points", cloud, meshes, SETTINGS, seed=7)
-    fit, of_mesh = metrics.tables["correspondence"], scored.tables["correspondence"]
-    assert fit["to_case_mm"].to_numpy() == pytest.approx(of_mesh["to_case_mm"].to_numpy())
-    assert fit[["surface_mm", "flipped_percent"]].isna().all(axis=None)
-    assert fit["distinct_percent"].eq(100).all()
-    assert metrics.tables["generalisation"]["points"].eq(162).all()
-    assert metrics.tables["generalisation"]["surface_mm"].isna().all()
-    both = compare({"ours": scored, "points": metrics}, "points", 200, np.random.default_rng(0))
-    # The same shapes: what differs is where on the surface the points lie.
-    assert both["generalisation_chamfer_mm"].iloc[0] == pytest.approx(
-        both["generalisation_chamfer_mm"].iloc[1], rel=0.15
-    )
 
 
 def test_a_thinned_curve_can_still_be_compared(cohort):

@@ -14,7 +14,7 @@ from ssm_pipeline.evaluation.model_quality import (
 )
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.rigid import best_frame
-from ssm_pipeline.records import CorrespondedShapes, StudyError
+from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
 
@@ -24,12 +24,13 @@ def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
 
     Both are symmetric stretches, so the best alignment leaves them as they are.
     """
-    points = lattice(4)
+    rest = speckles(lattice(4), "rest")
+    points = rest.vertices
     u, w = points * [0, 0, 0.02], points * [0.03, -0.03, 0]
     shapes = np.stack([points + a * u for a in (-1, -0.5, 0.5, 1)] + [points + w])
     ids = tuple("abcde")
-    corresponded = CorrespondedShapes(shapes, np.empty((0, 3), dtype=np.int64), ids, "a")
-    return corresponded, [speckles(s, i) for s, i in zip(shapes, ids, strict=True)], w
+    corresponded = CorrespondedShapes(shapes, rest.faces, ids, "a")
+    return corresponded, [Mesh(s, rest.faces, i) for s, i in zip(shapes, ids, strict=True)], w
 
 
 def test_generalisation_of_a_case_outside_the_span_is_its_residual():
@@ -41,16 +42,16 @@ def test_generalisation_of_a_case_outside_the_span_is_its_residual():
     assert held["correspondence_mm"].to_numpy() == pytest.approx(residual, rel=1e-9)
     # 1e-4 mm triangles instead of points, in float32.
     assert held["chamfer_mm"].to_numpy() == pytest.approx(residual, abs=1e-3)
-    assert held["surface_mm"].isna().all()
+    assert held["surface_mm"].to_numpy() == pytest.approx(residual, abs=1e-3)
 
 
 def test_generalisation_of_scaled_copies_is_zero():
     # Every held-out shape lies in the one-mode span of the others, however far out.
-    points = lattice(4)
-    shapes = np.stack([points * scale for scale in (0.9, 0.95, 1.0, 1.02, 1.1)])
+    rest = speckles(lattice(4), "rest")
+    shapes = np.stack([rest.vertices * scale for scale in (0.9, 0.95, 1.0, 1.02, 1.1)])
     ids = tuple("abcde")
-    corresponded = CorrespondedShapes(shapes, np.empty((0, 3), dtype=np.int64), ids, "a")
-    meshes = [speckles(s, i) for s, i in zip(shapes, ids, strict=True)]
+    corresponded = CorrespondedShapes(shapes, rest.faces, ids, "a")
+    meshes = [Mesh(s, rest.faces, i) for s, i in zip(shapes, ids, strict=True)]
     settings = EvaluationSettings(points=64)
     table = generalisation(corresponded, meshes, settings, np.random.default_rng(0))
     assert table["modes"].unique().tolist() == [1]

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial import cKDTree
 from synthetic_shapes import lattice, speckles, wavy_cohort
 
-from ssm_pipeline.evaluation.sampling import FixedPoints, farthest_points, spatial_order
+from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import nearest_chamfer, specificity
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, surface_distance
@@ -18,14 +18,14 @@ STEP_MM = 3.0
 
 def one_mode_model() -> ShapeModel:
     """Every point moves STEP_MM a standard deviation along z: a draw's distance is |s| STEP_MM."""
-    points = lattice(4)
-    mode = np.zeros_like(points)
-    mode[:, 2] = 1 / np.sqrt(len(points))
+    shape = speckles(lattice(4), "mean")
+    mode = np.zeros_like(shape.vertices)
+    mode[:, 2] = 1 / np.sqrt(len(mode))
     return ShapeModel(
-        mean=points,
+        mean=shape.vertices,
         modes=mode[None],
-        variances=np.array([len(points) * STEP_MM**2]),
-        faces=np.empty((0, 3), dtype=np.int64),
+        variances=np.array([len(mode) * STEP_MM**2]),
+        faces=shape.faces,
         scores=np.zeros((3, 1)),
         case_ids=("a", "b", "c"),
     )
@@ -35,23 +35,20 @@ def test_one_gaussian_mode_by_hand():
     # One mesh at the mean: E|s| = √(2/π), Var|s| = 1 − 2/π.
     model = one_mode_model()
     settings = EvaluationSettings(points=64, samples=2000)
-    row = specificity(model, [speckles(model.mean, "a")], settings, np.random.default_rng(0)).iloc[
-        0
-    ]
+    mesh = Mesh(model.mean, model.faces, "a")
+    row = specificity(model, [mesh], settings, np.random.default_rng(0)).iloc[0]
     error = STEP_MM * np.sqrt((1 - 2 / np.pi) / 2000)
     assert row["chamfer_mm"] == pytest.approx(STEP_MM * np.sqrt(2 / np.pi), abs=4 * error)
     assert row["chamfer_se_mm"] == pytest.approx(error, rel=0.1)
     assert row["samples"] == 2000
     assert row["points"] == 64
     assert row["chamfer_floor_mm"] == pytest.approx(0, abs=1e-3)
-    assert row["surface_samples"] == 0
-    assert np.isnan(row["surface_mm"])
 
 
 def test_the_nearer_of_two_meshes_counts():
     # Meshes at ±1 standard deviation: the distance is ||s| − 1|.
     model = one_mode_model()
-    meshes = [speckles(model.reconstruct([score]), str(score)) for score in (-1.0, 1.0)]
+    meshes = [Mesh(model.reconstruct([s]), model.faces, str(s)) for s in (-1.0, 1.0)]
     settings = EvaluationSettings(points=64, samples=2000)
     row = specificity(model, meshes, settings, np.random.default_rng(0)).iloc[0]
     scores = np.linspace(-8, 8, 200_001)
@@ -64,7 +61,7 @@ def test_the_nearer_of_two_meshes_counts():
 def test_standard_error_is_the_spread_of_repeated_runs():
     model = one_mode_model()
     settings = EvaluationSettings(points=64, samples=60)
-    mesh = [speckles(model.mean, "a")]
+    mesh = [Mesh(model.mean, model.faces, "a")]
     rows = [
         specificity(model, mesh, settings, np.random.default_rng(seed)).iloc[0]
         for seed in range(80)
@@ -136,8 +133,3 @@ def test_points_are_even_and_move_with_the_shape():
     assert moved == pytest.approx(np.broadcast_to([1.0, 2, 3], moved.shape))
     middle = points.on((first + second) / 2)
     assert middle == pytest.approx((points.on(first) + points.on(second)) / 2)
-
-
-def test_farthest_points_spread_over_a_line():
-    line = np.column_stack([np.arange(101.0), np.zeros(101), np.zeros(101)])
-    assert np.sort(farthest_points(line, 5)).tolist() == [0, 25, 50, 75, 100]

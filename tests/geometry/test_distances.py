@@ -3,7 +3,13 @@ import pytest
 import trimesh
 from scipy.spatial.distance import cdist
 
-from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, surface_distance
+from ssm_pipeline.geometry.distances import (
+    PointTarget,
+    SurfaceTarget,
+    chamfer,
+    surface_distance,
+    symmetric,
+)
 
 
 def sphere(radius: float, subdivisions: int = 4) -> SurfaceTarget:
@@ -58,3 +64,11 @@ def test_chamfer_floor_of_even_samples():
     ]
     floor = chamfer(*(PointTarget.of(square) for square in squares))
     assert floor == pytest.approx(0.5 * np.sqrt(100**2 / 4000), rel=0.05)  # edges, 4000 draws
+
+
+def test_symmetric_takes_the_mean_of_the_means_and_the_worse_tail():
+    near, far = np.zeros(10), np.linspace(0, 10, 1001)
+    for pair in ((near, far), (far, near)):
+        both = symmetric(*pair)
+        assert both.mean == pytest.approx(2.5)  # not weighted by how many points there are
+        assert both.hd95 == pytest.approx(9.5)

@@ -7,10 +7,13 @@ import trimesh
 from ssm_pipeline.geometry.topology import (
     boundary_edges,
     boundary_loop_count,
+    directed_edges,
+    edges,
     euler_number,
     face_components,
     is_oriented_manifold,
     min_angle_deg,
+    opposite_edges,
 )
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -76,3 +79,22 @@ def test_min_angle_of_a_known_triangle() -> None:
     vertices = np.array([[0.0, 0, 0], [np.sqrt(3.0), 0, 0], [0, 1, 0]])
     assert min_angle_deg(vertices, np.array([[0, 1, 2]])) == pytest.approx(30)
     assert min_angle_deg(5 * vertices, np.array([[2, 0, 1]])) == pytest.approx(30)
+
+
+def test_edges_are_listed_once_and_euler_counts_them() -> None:
+    faces = trimesh.creation.icosphere(2).faces
+    listed = edges(faces)
+    assert len(listed) == 3 * len(faces) / 2
+    assert (listed[:, 0] < listed[:, 1]).all()
+    assert {tuple(edge) for edge in listed} == {
+        tuple(sorted(edge)) for edge in directed_edges(faces).tolist()
+    }
+    assert len(np.unique(faces)) - len(listed) + len(faces) == euler_number(faces) == 2
+
+
+def test_opposite_edges_run_the_other_way_and_end_at_a_boundary() -> None:
+    faces = np.array(trimesh.creation.icosphere(1).faces)
+    opposite = opposite_edges(faces)
+    np.testing.assert_array_equal(directed_edges(faces)[opposite], directed_edges(faces)[:, ::-1])
+    np.testing.assert_array_equal(opposite[opposite], np.arange(len(opposite)))
+    assert (opposite_edges(faces[1:]) < 0).sum() == len(boundary_edges(faces[1:])) == 3
