@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-import pymeshlab
-from scipy.spatial import cKDTree
-
 from data_prep.matching_folder import MatchingSet
-from ssm_pipeline.geometry.surface import area
+from data_prep.remeshing import nearest_vertices, remeshed
 from ssm_pipeline.records import Mesh, PhantomTruth, StudyError
 
 
@@ -27,18 +23,7 @@ def remeshed_phantoms(truth: PhantomTruth, vertex_counts: Sequence[int]) -> Matc
         )
     meshes, correspondences = [], []
     for case_id, points, count in zip(truth.case_ids, truth.vertices, vertex_counts, strict=True):
-        mesh = _isotropic(Mesh(points, truth.faces, case_id), count)
+        mesh = remeshed(Mesh(points, truth.faces, case_id), count)
         meshes.append(mesh)
-        correspondences.append(cKDTree(mesh.vertices).query(points)[1].astype(np.int64))
+        correspondences.append(nearest_vertices(mesh, points))
     return MatchingSet(tuple(meshes), tuple(correspondences))
-
-
-def _isotropic(mesh: Mesh, vertex_count: int) -> Mesh:
-    """Triangles of one size, as near to equilateral as the surface allows."""
-    # An equilateral triangle of edge e covers √3/4 e², and a closed mesh has two a vertex.
-    edge = np.sqrt(area(mesh.vertices, mesh.faces) / vertex_count * 2 / np.sqrt(3))
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-    meshes.meshing_isotropic_explicit_remeshing(targetlen=pymeshlab.PureValue(edge), iterations=6)
-    result = meshes.current_mesh()
-    return Mesh(result.vertex_matrix(), result.face_matrix(), mesh.case_id)
