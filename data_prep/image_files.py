@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_prep.metaimage_header import check_metaimage
 from ssm_pipeline.records import CaseError
 
 SUFFIXES = (".mhd", ".mha", ".nrrd", ".nii.gz", ".nii")
@@ -45,7 +46,7 @@ def check_header(path: Path, case_id: str) -> None:
     """
     suffix = image_suffix(path)
     if suffix in (".mhd", ".mha"):
-        fields, _ = _metaimage_header(path)
+        fields, header_bytes = _metaimage_header(path)
         _check_spacing(fields.get("ElementSpacing", "1").split(), path, case_id)
         name = fields.get("ElementDataFile", "")
         if name.upper() != "LOCAL" and not (path.parent / name).is_file():
@@ -54,6 +55,11 @@ def check_header(path: Path, case_id: str) -> None:
                 f"{path.name} names the data file {name or '(none)'}, which is not beside it. "
                 "Copy the .mhd and its .zraw together.",
             )
+        is_local = name.upper() == "LOCAL"
+        data_bytes = path.stat().st_size - header_bytes if is_local else 0
+        if not is_local:
+            data_bytes = (path.parent / name).stat().st_size
+        check_metaimage(fields, data_bytes, path, case_id)
     elif suffix in (".nii", ".nii.gz"):
         _check_nifti(path, case_id)
 
@@ -127,7 +133,7 @@ def _metaimage_header(path: Path) -> tuple[dict[str, str], int]:
     with path.open("rb") as file:
         for line in file:
             key, _, value = line.decode("latin-1").partition("=")
-            fields[key.strip()] = value.strip()
+            fields.setdefault(key.strip(), value.strip())  # as MetaIO: the first one counts
             if key.strip() == "ElementDataFile":
                 break
         return fields, file.tell()

@@ -68,12 +68,22 @@ def read_matching_folder(folder: Path) -> MatchingSet:
 
 def read_off(path: Path, case_id: str) -> Mesh:
     """A triangle mesh in the Object File Format; per-vertex and per-face colours are ignored."""
-    lines = (line.split("#", 1)[0].strip() for line in path.read_text().splitlines())
+    text = path.read_text(encoding="utf-8", errors="replace")
+    lines = (line.split("#", 1)[0].strip() for line in text.splitlines())
     rows = [line.split() for line in lines if line]
     if not rows or rows[0][0] not in ("OFF", "COFF", "NOFF"):
         raise CaseError(case_id, f"{path} doesn't begin with OFF. Export it as an ASCII .off.")
     # The counts follow the keyword, on its line or on the next.
-    counts, body = (rows[0][1:], rows[1:]) if len(rows[0]) > 1 else (rows[1], rows[2:])
+    if len(rows[0]) == 1:
+        rows = [[rows[0][0], *(rows[1] if len(rows) > 1 else ())], *rows[2:]]
+    counts, body = rows[0][1:], rows[1:]
+    if len(counts) < 2 or not all(count.isdecimal() for count in counts[:2]):
+        found = " ".join(counts) or "nothing"
+        raise CaseError(
+            case_id,
+            f"{path} gives {found} where the numbers of vertices and faces are needed. "
+            "Copy it again.",
+        )
     vertex_count, face_count = int(counts[0]), int(counts[1])
     if len(body) < vertex_count + face_count:
         raise CaseError(
@@ -87,16 +97,16 @@ def read_off(path: Path, case_id: str) -> Mesh:
     try:
         vertices = np.array([row[:3] for row in body[:vertex_count]], dtype=np.float64)
         faces = np.array([row[1:4] for row in face_rows], dtype=np.int64).reshape(-1, 3)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise CaseError(case_id, f"{path} has a line that isn't numbers: {error}") from error
-    return Mesh(vertices, faces, case_id)
+    return Mesh(vertices.reshape(-1, 3), faces, case_id)
 
 
 def read_vts(path: Path, mesh: Mesh) -> np.ndarray:
     """(R,) vertices of the mesh, from 0; the file counts from 1."""
     try:
-        numbers = np.array(path.read_text().split(), dtype=np.int64)
-    except ValueError as error:
+        numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.int64)
+    except (ValueError, OverflowError) as error:
         raise CaseError(mesh.case_id, f"{path} holds more than vertex numbers: {error}") from error
     count = len(mesh.vertices)
     if not len(numbers) or numbers.min() < 1 or numbers.max() > count:

@@ -79,7 +79,8 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
     try:
         # process=False: vertices stay as the file numbers them.
         read: Any = trimesh.load(path, force="mesh", process=False, maintain_order=True)
-        vertices, faces = np.asarray(read.vertices), np.asarray(getattr(read, "faces", ()))
+        vertices = np.asarray(read.vertices).reshape(-1, 3)
+        faces = np.asarray(getattr(read, "faces", ())).reshape(-1, 3)
     except Exception as error:  # its readers raise whatever the damage happens to break
         raise damaged(path, case_id, str(error)) from error
     for name, found, promised in zip(
@@ -90,7 +91,7 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
     ):
         if found < promised:
             raise damaged(path, case_id, f"it holds {found} {name} and promises {promised}")
-    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+    return vertices, faces
 
 
 def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +145,9 @@ def _vtk_errors() -> Iterator[list[str]]:
         vtkOutputWindow.SetInstance(before)
         # One of its messages is a warning by rank and an error by its words; other warnings are
         # of attributes that no surface needs.
-        errors += re.findall(r"Error (?:reading|parsing)[^\n]*", window.GetOutput())
+        said = window.GetOutput()  # bytes, where a damaged file is quoted
+        text = said.decode("latin-1") if isinstance(said, bytes) else said
+        errors += re.findall(r"Error (?:reading|parsing)[^\n]*", text)
 
 
 def _missing_of_stl(content: bytes) -> str:
