@@ -10,7 +10,11 @@ from scipy.spatial.distance import cdist
 
 from ssm_pipeline.baselines.s3m.augmentation import bumped, rotated_about_z
 from ssm_pipeline.baselines.s3m.functional_map import functional_maps, nearest_in_spectrum
-from ssm_pipeline.baselines.s3m.losses import multiplication_operators, pair_losses
+from ssm_pipeline.baselines.s3m.losses import (
+    eigenvector_products,
+    multiplication_operators,
+    pair_losses,
+)
 from ssm_pipeline.baselines.s3m.network import FeatureExtractor, TAGConv, knn_graph
 from ssm_pipeline.baselines.s3m.product_manifold_filter import filtered_bijection
 from ssm_pipeline.baselines.s3m.sampling import farthest_points
@@ -166,11 +170,12 @@ def test_nearest_in_spectrum_undoes_a_renumbering() -> None:
 
 
 def test_multiplication_operator_multiplies() -> None:
-    # Φ† diag(f) Φ with the full basis Φ = Φ† = I is diag(f).
-    f = torch.rand(1, 5, 2, generator=torch.Generator().manual_seed(0))
-    eye = torch.eye(5)[None]
-    expected = torch.diag_embed(f.mT)
-    torch.testing.assert_close(multiplication_operators(f, eye, eye), expected)
+    generator = torch.Generator().manual_seed(0)
+    f, mass = (torch.rand(7, c, generator=generator, dtype=torch.float64) for c in (3, 1))
+    Phi = torch.randn(7, 5, generator=generator, dtype=torch.float64)
+    expected = torch.stack([Phi.mT @ torch.diag(mass[:, 0] * f[:, p]) @ Phi for p in range(3)])
+    products = eigenvector_products(Phi, mass[:, 0])
+    torch.testing.assert_close(multiplication_operators(f, products, 5), expected)
 
 
 def test_losses_vanish_for_the_right_map_and_only_there() -> None:

@@ -8,26 +8,34 @@ was not in millimetres (metrics are not this module's business).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from ssm_pipeline.baselines.s3m.functional_map import functional_maps, nearest_in_spectrum
-from ssm_pipeline.baselines.s3m.losses import multiplication_operators, pair_losses
+from ssm_pipeline.baselines.s3m.losses import pair_losses
 from ssm_pipeline.baselines.s3m.network import FeatureExtractor
 from ssm_pipeline.baselines.s3m.product_manifold_filter import filtered_bijection
 from ssm_pipeline.baselines.s3m.samples import (
     Sample,
+    TrainingCopy,
     inference_sample,
     scaled,
     stacked,
-    training_samples,
+    training_copies,
 )
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.baselines.s3m.surface import joining_faces
-from ssm_pipeline.baselines.s3m.training import descriptors, random_descriptors, train
+from ssm_pipeline.baselines.s3m.training import (
+    Checkpoint,
+    descriptor_operators,
+    descriptors,
+    new_network,
+    random_descriptors,
+    train,
+)
 from ssm_pipeline.geometry.geodesics import geodesics_from
 from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, StudyError
@@ -36,20 +44,20 @@ Progress = Callable[[str, int, int], None]  # what is being done, how many done,
 
 
 @dataclass(frozen=True)
-class S3MResult:
+class S3MMatch:
     """What S3M leaves.
 
     points          vertices (N, n, 3) mm, each case's own vertices in its own space, in the order
                     of the template's sample, joined by the faces of `surface.joining_faces`.
-    template_id     the reference: the case of lowest mean loss.
-    epoch_losses    (epochs,) mean training loss.
-    template_losses (N,) each case's mean loss to all others, from which the reference was chosen.
+    template_losses (N,) each case's mean loss to all others; the lowest is the reference.
     """
 
     points: CorrespondedShapes
-    template_id: str
-    epoch_losses: np.ndarray
     template_losses: np.ndarray
+
+    @property
+    def template_id(self) -> str:
+        return self.points.template_id
 
 
 def run_s3m(
@@ -58,40 +66,67 @@ def run_s3m(
     seed: int,
     device: torch.device,
     on_progress: Progress,
-) -> S3MResult:
-    """Train S3M on the meshes and put them into correspondence.
+) -> S3MMatch:
+    """Train S3M on the meshes and put them into correspondence: both of the below."""
+    trained = train_s3m(meshes, settings, seed, device, on_progress)
+    return match_s3m(meshes, trained, settings, seed, device, on_progress)
+
+
+def train_s3m(
+    meshes: Sequence[Mesh],
+    settings: S3MSettings,
+    seed: int,
+    device: torch.device,
+    on_progress: Progress,
+    start: Checkpoint | None = None,
+    on_epoch: Callable[[Checkpoint], None] = lambda checkpoint: None,
+) -> Checkpoint:
+    """Train S3M's network on the meshes, from a checkpoint where there is one.
 
     Raises StudyError for fewer than two meshes, CaseError for a mesh with fewer vertices than the
-    points asked for or not in one piece.
+    points asked for.
     """
-    if len(meshes) < 2:
-        raise StudyError(f"S3M needs at least 2 cases; {len(meshes)} given. Add cases.")
-    for mesh in meshes:
-        if len(mesh.vertices) < settings.points:
-            raise CaseError(
-                mesh.case_id,
-                f"the mesh has {len(mesh.vertices)} vertices; S3M samples {settings.points} of "
-                "them. Mesh the case more finely, or set fewer points.",
-            )
-    sizes = np.sqrt([area(mesh.vertices, mesh.faces) for mesh in meshes])
-    factors = sizes.mean() / sizes if settings.one_size else np.ones(len(meshes))
-    inputs = [scaled(mesh, factor) for mesh, factor in zip(meshes, factors, strict=True)]
-
-    numpy_generator = np.random.default_rng(seed)
-    generator = torch.Generator().manual_seed(seed)
-    copies: list[list[Sample]] = []
+    inputs = _inputs(meshes, settings)
+    generator = np.random.default_rng(seed)
+    copies: list[TrainingCopy] = []
     for done, mesh in enumerate(inputs, 1):
-        copies += training_samples(mesh, settings, numpy_generator, device)
+        copies += training_copies(mesh, settings, generator)
         on_progress("sample", done, len(meshes))
-    network, losses = train(
-        copies, settings, generator, device, lambda done, of: on_progress("train", done, of)
+    return train(
+        copies,
+        settings,
+        seed,
+        device,
+        lambda done, of: on_progress("train", done, of),
+        start,
+        on_epoch,
     )
 
+
+def match_s3m(
+    meshes: Sequence[Mesh],
+    trained: Checkpoint,
+    settings: S3MSettings,
+    seed: int,
+    device: torch.device,
+    on_progress: Progress,
+    seen: Collection[str] | None = None,
+) -> S3MMatch:
+    """Put the meshes into correspondence by a trained network.
+
+    seen  the cases that the reference is chosen among; None: all.
+    Raises as `train_s3m`, and CaseError for a mesh that is not in one piece.
+    """
+    inputs = _inputs(meshes, settings)
+    network = new_network(settings, seed)
+    network.load_state_dict(trained.network)
     samples = [inference_sample(mesh, settings, device) for mesh in inputs]
-    C, template_losses = _all_maps(network, samples, settings, generator)
-    template = int(template_losses.argmin())
+    chosen = random_descriptors(settings, np.random.default_rng(seed))
+    among = np.array([seen is None or mesh.case_id in seen for mesh in meshes])
+    C, template_losses = _all_maps(network.to(device), samples, settings, chosen, among)
+    template = int(np.where(among, template_losses, np.inf).argmin())
     points = np.empty((len(meshes), settings.points, 3))
-    stds = _kernel_stds(sizes, settings)
+    stds = _kernel_stds(meshes, settings)
     template_geodesics = _geodesics(meshes[template], samples[template])
     for case, (mesh, sample) in enumerate(zip(meshes, samples, strict=True)):
         case_to_template = nearest_in_spectrum(
@@ -106,14 +141,30 @@ def run_s3m(
         )
         points[case, case_to_template] = mesh.vertices[sample.vertices]
         on_progress("match", case + 1, len(meshes))
-    template_id = meshes[template].case_id
     shapes = CorrespondedShapes(
         points,
         joining_faces(meshes[template], samples[template].vertices),
         tuple(mesh.case_id for mesh in meshes),
-        template_id,
+        meshes[template].case_id,
     )
-    return S3MResult(shapes, template_id, np.array(losses), template_losses)
+    return S3MMatch(shapes, template_losses)
+
+
+def _inputs(meshes: Sequence[Mesh], settings: S3MSettings) -> list[Mesh]:
+    """The meshes as the network sees them. Raises StudyError and CaseError."""
+    if len(meshes) < 2:
+        raise StudyError(f"S3M needs at least 2 cases; {len(meshes)} given. Add cases.")
+    for mesh in meshes:
+        if len(mesh.vertices) < settings.points:
+            raise CaseError(
+                mesh.case_id,
+                f"the mesh has {len(mesh.vertices)} vertices; S3M samples {settings.points} of "
+                "them. Mesh the case more finely, or set fewer points.",
+            )
+    if not settings.one_size:
+        return list(meshes)
+    sizes = _sizes(meshes)
+    return [scaled(mesh, sizes.mean() / size) for mesh, size in zip(meshes, sizes, strict=True)]
 
 
 @torch.no_grad()
@@ -121,46 +172,46 @@ def _all_maps(
     network: FeatureExtractor,
     samples: Sequence[Sample],
     settings: S3MSettings,
-    generator: torch.Generator,
+    chosen: np.ndarray,
+    among: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N, N, k, k) maps from the first to the second shape; (N,) each shape's mean loss."""
+    """(N, N, k, k) maps from the first to the second shape; (N,) each shape's mean loss.
+
+    chosen  the descriptors that the preservation term looks at; among (N,) bool: the shapes that
+            the mean is over.
+    """
     features = [descriptors(network, [sample])[0] for sample in samples]
     coefficients = torch.stack(
         [sample.projection @ F for sample, F in zip(samples, features, strict=True)]
     )
     C = functional_maps(coefficients[:, None], coefficients[None, :])
-    chosen = random_descriptors(settings, generator)
     operators = torch.cat(
         [
-            multiplication_operators(
-                F[None, :, chosen.to(F.device)], sample.projection[None], sample.eigenvectors[None]
-            )
+            descriptor_operators(F[None], [sample], chosen)
             for sample, F in zip(samples, features, strict=True)
         ]
     )
     values = stacked(samples, "eigenvalues")
     one_way = torch.stack(  # row by row: all pairs' preservation terms at once fill the memory
         [
-            pair_losses(
-                C[x : x + 1],
-                C[:, x][None],
-                values[x : x + 1],
-                values,
-                operators[x : x + 1],
-                operators,
-                settings,
-            )[0]
+            pair_losses(C[x], C[:, x], values[x], values, operators[x], operators, settings)
             for x in range(len(samples))
         ]
     )
-    return C.cpu().numpy(), (one_way + one_way.T).mean(dim=1).cpu().numpy()
+    losses = (one_way + one_way.T)[:, torch.as_tensor(among)].mean(dim=1)
+    return C.cpu().numpy(), losses.cpu().numpy()
 
 
-def _kernel_stds(sizes: np.ndarray, settings: S3MSettings) -> np.ndarray:
+def _sizes(meshes: Sequence[Mesh]) -> np.ndarray:
+    """(N,) mm: √area of each."""
+    return np.sqrt([area(mesh.vertices, mesh.faces) for mesh in meshes])
+
+
+def _kernel_stds(meshes: Sequence[Mesh], settings: S3MSettings) -> np.ndarray:
     """(N,) mm, the filter's kernel on each case."""
     if settings.kernel_std_share is None:
-        return np.full(len(sizes), np.sqrt(settings.kernel_variance_mm2))
-    return settings.kernel_std_share * sizes
+        return np.full(len(meshes), np.sqrt(settings.kernel_variance_mm2))
+    return settings.kernel_std_share * _sizes(meshes)
 
 
 def _geodesics(mesh: Mesh, sample: Sample) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from ssm_pipeline.baselines.s3m.augmentation import bumped, rotated_about_z
+from ssm_pipeline.baselines.s3m.losses import eigenvector_products
 from ssm_pipeline.baselines.s3m.network import Graph, knn_graph
 from ssm_pipeline.baselines.s3m.sampling import farthest_points
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
@@ -20,14 +21,25 @@ from ssm_pipeline.records import Mesh
 @dataclass(frozen=True)
 class Sample:
     """vertices (n,) int of the mesh, and on them: points (n, 3), centred; their graph;
-    eigenvectors (n, k); projection (k, n) = Φᵀ · mass; eigenvalues (k,). Tensors float32."""
+    eigenvectors (n, k) and their products (`losses.eigenvector_products`); projection (k, n) =
+    Φᵀ · mass; eigenvalues (k,). Tensors float32."""
 
     vertices: np.ndarray
     points: torch.Tensor
     graph: Graph
     eigenvectors: torch.Tensor
+    products: torch.Tensor
     projection: torch.Tensor
     eigenvalues: torch.Tensor
+
+
+@dataclass(frozen=True)
+class TrainingCopy:
+    """A shape or augmented shape, and the dense points (D,) int that its samples are drawn from."""
+
+    mesh: Mesh
+    basis: Spectrum
+    dense: np.ndarray
 
 
 def inference_sample(mesh: Mesh, settings: S3MSettings, device: torch.device) -> Sample:
@@ -36,14 +48,10 @@ def inference_sample(mesh: Mesh, settings: S3MSettings, device: torch.device) ->
     return _sample(mesh, spectrum(mesh, settings.eigenfunctions), chosen, settings, device)
 
 
-def training_samples(
-    mesh: Mesh, settings: S3MSettings, generator: np.random.Generator, device: torch.device
-) -> list[list[Sample]]:
-    """The mesh and its augmented copies, each as `samples_per_copy` samples.
-
-    The public code draws a new sample at every use of a copy; a few drawn beforehand serve the
-    same purpose at a hundredth of the time.
-    """
+def training_copies(
+    mesh: Mesh, settings: S3MSettings, generator: np.random.Generator
+) -> list[TrainingCopy]:
+    """The mesh and its augmented copies."""
     own = spectrum(mesh, settings.eigenfunctions)
     copies = [(mesh, own)]
     for _ in range(settings.rotated_copies):  # an isometry: the spectrum stays
@@ -51,14 +59,22 @@ def training_samples(
     for _ in range(settings.bumped_copies):
         copy = bumped(mesh, settings.bumps, settings.bump_height, settings.bump_std, generator)
         copies.append((copy, spectrum(copy, settings.eigenfunctions)))
-    dense_count = min(settings.dense_points, len(mesh.vertices))
-    result = []
-    for copy, basis in copies:
-        dense = farthest_points(copy.vertices, dense_count)
-        firsts = generator.choice(dense_count, settings.samples_per_copy)
-        subsets = [farthest_points(copy.vertices[dense], settings.points, int(f)) for f in firsts]
-        result.append([_sample(copy, basis, dense[s], settings, device) for s in subsets])
-    return result
+    count = min(settings.dense_points, len(mesh.vertices))
+    return [
+        TrainingCopy(copy, basis, farthest_points(copy.vertices, count)) for copy, basis in copies
+    ]
+
+
+def drawn_sample(
+    copy: TrainingCopy,
+    settings: S3MSettings,
+    generator: np.random.Generator,
+    device: torch.device,
+) -> Sample:
+    """A farthest-point sample of the dense points, from a first one drawn at random."""
+    first = int(generator.integers(len(copy.dense)))
+    subset = farthest_points(copy.mesh.vertices[copy.dense], settings.points, first)
+    return _sample(copy.mesh, copy.basis, copy.dense[subset], settings, device)
 
 
 def scaled(mesh: Mesh, factor: float) -> Mesh:
@@ -77,12 +93,13 @@ def _sample(
         return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=device)
 
     points = mesh.vertices[chosen]
-    eigenvectors = basis.eigenvectors[chosen]
+    eigenvectors, mass = tensor(basis.eigenvectors[chosen]), tensor(basis.mass[chosen])
     return Sample(
         vertices=chosen,
         points=tensor(points - mesh.vertices.mean(axis=0)),
         graph=knn_graph(points, settings.neighbours, device),
-        eigenvectors=tensor(eigenvectors),
-        projection=tensor((eigenvectors * basis.mass[chosen, None]).T),
+        eigenvectors=eigenvectors,
+        products=eigenvector_products(eigenvectors, mass),
+        projection=(eigenvectors * mass[:, None]).T.contiguous(),
         eigenvalues=tensor(basis.eigenvalues),
     )
