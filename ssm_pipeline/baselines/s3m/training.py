@@ -1,4 +1,4 @@
-"""Training of S3M's feature extractor, in epochs that each rest on their number and a seed alone."""
+"""Training of S3M's network, in epochs that each rest on their number and a seed alone."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def descriptors(network: FeatureExtractor, samples: Sequence[Sample]) -> torch.T
 def descriptor_operators(
     F: torch.Tensor, samples: Sequence[Sample], chosen: np.ndarray
 ) -> torch.Tensor:
-    """(B, p, k, k): the multiplication operators of the chosen ones of the descriptors (B, n, d)."""
+    """(B, p, k, k): of the chosen ones of the descriptors (B, n, d)."""
     picked = F[:, :, torch.as_tensor(chosen, device=F.device)]
     return torch.stack(
         [
