@@ -1,23 +1,60 @@
-"""Case ids short enough for a picture's caption."""
+"""Case ids short enough for a table's column and a picture's caption."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import re
+from collections.abc import Callable, Sequence
 
 LONGEST = 28  # characters that fit under a small picture
 FEWEST = 6  # characters kept of a longer id
 
 
 def short_names(case_ids: Sequence[str]) -> dict[str, str]:
-    """Case id → what the page calls it: the id, or "…" and as many of its last characters as tell
-    the cases apart. LUNA16's series UIDs have 64 characters that differ in the last ones only.
+    """Case id → what the page calls it: the id itself, or the part of it that tells cases apart.
+
+    Of long ids, as many of the last characters as differ ("…853377"), or of the first, or what is
+    left between a common beginning and a common end, whichever is shortest.
+
+    >>> short_names(["a" * 40 + "1234567", "a" * 40 + "7654321"])["a" * 40 + "1234567"]
+    '…234567'
     """
     if max(map(len, case_ids), default=0) <= LONGEST:
         return {case_id: case_id for case_id in case_ids}
+    distinct = sorted(set(case_ids))
+    begin = _shared(distinct)
+    end = _shared([case_id[::-1] for case_id in distinct])
+    tail = _fewest(distinct, lambda case_id, n: case_id[-n:])
+    head = _fewest(distinct, _beginning)
+    ways = [
+        {c: c if len(c) <= tail else f"…{c[-tail:]}" for c in distinct},
+        {
+            c: c if len(_beginning(c, head)) == len(c) else f"{_beginning(c, head)}…"
+            for c in distinct
+        },
+        {c: f"…{c[begin : len(c) - end]}…" for c in distinct},
+    ]
+    unique = [names for names in ways if len(set(names.values())) == len(distinct)]
+    # A beginning or an end reads better than a middle, where it is short enough.
+    ends = [names for names in unique[:2] if max(map(len, names.values())) <= LONGEST // 2]
+    return min(ends or unique, key=lambda names: max(map(len, names.values())))
+
+
+def _beginning(case_id: str, count: int) -> str:
+    """At least `count` characters, no word or number cut."""
+    end = re.compile(r"\w*?(?=[\W_]|$)").match(case_id, count)
+    return case_id[: end.end()] if end else case_id
+
+
+def _shared(case_ids: Sequence[str]) -> int:
+    """How many of the first characters all ids have in common."""
+    same = (len(set(letters)) == 1 for letters in zip(*case_ids, strict=False))
+    return sum(itertools.takewhile(bool, same))
+
+
+def _fewest(case_ids: Sequence[str], cut: Callable[[str, int], str]) -> int:
+    """The smallest length, from FEWEST up, at which all cut ids differ."""
     length = FEWEST
-    while len({case_id[-length:] for case_id in case_ids}) < len(set(case_ids)):
+    while len({cut(case_id, length) for case_id in case_ids}) < len(case_ids):
         length += 1
-    return {
-        case_id: case_id if len(case_id) <= length else f"…{case_id[-length:]}"
-        for case_id in case_ids
-    }
+    return length

@@ -38,6 +38,10 @@ class ReportContent:
     cohort          case_id and quality control columns, units in the names; `dropped` holds the
                     reason for cases left out (empty otherwise), `warnings` any remarks.
     stages          one mapping a stage: name, seconds, peak_memory_mb, cases_in, cases_out.
+    training        a row a step: step, total, one column a loss, and what was watched of the map
+                    (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
+    check           case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures
+                    case id → PNG. None, empty: not shown.
     settings, versions   nested mappings of plain values, shown as they are.
 
     Raises ValueError where the parts don't belong together.
@@ -58,6 +62,9 @@ class ReportContent:
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
     landmarks: Landmarks | None = None
+    training: pd.DataFrame | None = None
+    check: pd.DataFrame | None = None
+    check_pictures: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         case_ids = self.aligned.case_ids
@@ -70,6 +77,8 @@ class ReportContent:
             raise ValueError(f"meshes of cases that the model does not hold: {sorted(strangers)}")
         _require("correspondence", self.correspondence, {"case_id", "surface_mm", "hd95_mm"})
         _require("cohort", self.cohort, {"case_id"})
+        if self.check is not None:
+            _require("cohort_check", self.check, {"case_id"})
         for name, needed in _NEEDED_COLUMNS.items():
             if name in self.metrics:
                 _require(name, self.metrics[name], needed)
@@ -84,6 +93,8 @@ class ReportContent:
         """Case id → what the page calls it."""
         ids = {*self.aligned.case_ids, self.aligned.template_id}
         ids |= {case_id for path in self.paths for case_id in (path.template_id, path.case_id)}
+        tables = [self.cohort, *([] if self.check is None else [self.check])]
+        ids |= {str(case_id) for table in tables for case_id in table["case_id"]}
         return short_names(sorted(ids))
 
     @property

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 DISTANCES = {
-    "chamfer_mm": "Chamfer distance (mm)",
     "surface_mm": "surface distance, mean (mm)",
     "hd95_mm": "surface distance, 95th percentile (mm)",
+    "chamfer_mm": "Chamfer distance (mm)",
     "correspondence_mm": "distance of corresponding points (mm)",
 }
 DEFAULT_METHOD = "ours"

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 import pandas as pd
-from PIL import Image
 
 from ssm_pipeline import storage
 from ssm_pipeline.geometry import surface
+from ssm_pipeline.report.cohort_check import check_cases
 from ssm_pipeline.report.content import ReportContent
-from ssm_pipeline.report.curves import distances_in, quality_curves
+from ssm_pipeline.report.method_table import method_table
+from ssm_pipeline.report.page_tables import page_tables
 from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.pictures import interpolation_scenes, mode_range_mm, mode_scenes
 from ssm_pipeline.report.rendering import ABOVE, FRONT, LEFT, Scene, render
 from ssm_pipeline.report.settings import ReportSettings
-from ssm_pipeline.report.tables import ReadableTable, flattened, heading, readable
-
-VIEWER = Path(__file__).parent / "viewer"
+from ssm_pipeline.report.tables import flattened
+from ssm_pipeline.report.template import fill, webp_address
+from ssm_pipeline.report.training_curves import collapse_warning
 
 
 def write_page(content: ReportContent, path: Path, settings: ReportSettings | None = None) -> None:
@@ -33,52 +31,62 @@ def write_page(content: ReportContent, path: Path, settings: ReportSettings | No
 
 def page_html(content: ReportContent, settings: ReportSettings) -> str:
     """The page's text. Everything is inside: it opens from a folder without a server."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(VIEWER),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     payload = build_payload(content, settings)
-    # A "<" inside a script element could end it: case ids are the user's own text.
-    description = json.dumps(payload.description, allow_nan=False).replace("<", "\\u003c")
-    return environment.get_template("page.html").render(
+    return fill(
+        "page.html",
+        payload.description,
+        payload.blocks,
+        tabs=_tabs(payload.description),
         study=content.study,
         is_synthetic=content.is_synthetic,
         seed=content.seed,
         facts=_facts(content),
         pictures=_pictures(content, settings),
-        tables=_tables(content),
-        other_tables=_other_tables(content),
+        tables=page_tables(content),
+        methods=method_table(content.metrics),
+        check=check_cases(content),
+        warning=collapse_warning(content.training),
         chamfer_floor=_chamfer_floor(content),
         settings=list(flattened(content.settings)),
         versions=list(flattened(content.versions)),
         has_paths=bool(content.paths) and settings.paths > 0,
+        has_training=bool(payload.description["training"]),
+        has_distortion=bool(payload.description["distortion"]),
         has_landmarks=content.landmarks is not None,
-        style=(VIEWER / "style.css").read_text(encoding="utf-8"),
-        script=(VIEWER / "viewer.js").read_text(encoding="utf-8"),
-        description=description,
-        blocks=payload.blocks,
     )
 
 
-def _facts(content: ReportContent) -> list[tuple[str, str]]:
-    """Label and value of the few numbers that sum the study up."""
+def _tabs(description: Mapping[str, Any]) -> list[tuple[str, str]]:
+    names = [
+        "Overview",
+        "Modes",
+        "Interpolation",
+        "Correspondence",
+        "Quality",
+        "Training",
+        "Cohort",
+    ]
+    return [(name.lower(), name) for name in names if name != "Training" or description["training"]]
+
+
+def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
+    """Label, value, and what is shown on hover, of the few numbers that sum the study up."""
     model = content.model
     dropped = int((content.cohort.get("dropped", pd.Series(dtype=str)).fillna("") != "").sum())
     volume_ml = surface.volume(model.mean, model.faces) / 1e3
+    template = content.aligned.template_id
     return [
-        ("Cases in the model", str(len(model.case_ids))),
-        ("Cases left out", str(dropped)),
-        ("Modes of variation", str(model.mode_count)),
+        ("Cases in the model", str(len(model.case_ids)), ""),
+        ("Cases left out", str(dropped), ""),
+        ("Modes of variation", str(model.mode_count), ""),
         (
             "Modes for 90 / 95 / 99 % of the variance",
             " / ".join(str(model.modes_for(share)) for share in (0.9, 0.95, 0.99)),
+            "",
         ),
-        ("Volume of the mean shape", f"{volume_ml:.4g} ml"),
-        ("Vertices per shape", str(len(model.mean))),
-        ("Template", content.names[content.aligned.template_id]),
+        ("Volume of the mean shape", f"{volume_ml:.4g} ml", ""),
+        ("Vertices per shape", str(len(model.mean)), ""),
+        ("Template", content.names[template], template),
     ]
 
 
@@ -88,7 +96,7 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
     count = min(figures.modes, model.mode_count)
     range_mm = mode_range_mm(model, count, figures.deviations)
     modes = [
-        _data_address(image)
+        webp_address(image)
         for image in render(
             mode_scenes(model, count, figures.deviations), size, value_range=range_mm
         )
@@ -97,7 +105,7 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
     share = 100 * model.variances / model.variances.sum()
     pictures: dict[str, Any] = {
         "mean": [
-            (label, _data_address(render([mean], size, view)[0]))
+            (label, webp_address(render([mean], size, view)[0]))
             for label, view in (("front", FRONT), ("patient's left", LEFT), ("above", ABOVE))
         ],
         "modes": [
@@ -114,49 +122,11 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
         times = np.linspace(0, 1, figures.interpolation_steps)
         images = render(interpolation_scenes(path, times, times), size)
         pictures["strip"] = [
-            (f"{time:.2g}", _data_address(image)) for time, image in zip(times, images, strict=True)
+            (f"{time:.2g}", webp_address(image)) for time, image in zip(times, images, strict=True)
         ]
         pictures["strip_from"] = content.names[path.template_id]
         pictures["strip_to"] = content.names[path.case_id]
     return pictures
-
-
-def _data_address(image: np.ndarray) -> str:
-    buffer = io.BytesIO()
-    # WebP with transparency is about a sixth of PNG; every browser since 2020 shows it.
-    Image.fromarray(image).save(buffer, "WEBP", quality=88, method=4)
-    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
-def _tables(content: ReportContent) -> dict[str, ReadableTable | None]:
-    """Every table of the page; None where the run made none."""
-    cohort = content.cohort
-    if "dropped" in cohort:  # what is missing comes first, not below the fold
-        cohort = cohort.fillna({"dropped": ""}).sort_values(
-            "dropped", key=lambda reason: reason == "", kind="stable"
-        )
-    words = [name for name in ("case_id", "dropped", "warnings") if name in cohort]
-    cohort = cohort[[*words, *(name for name in cohort if name not in words)]]
-    tables: dict[str, ReadableTable | None] = {
-        "stages": None,
-        "comparison": None,
-        "generalisation": None,
-        "specificity": None,
-        "cohort": readable(cohort),
-        "correspondence": readable(
-            content.correspondence.sort_values("surface_mm", ascending=False)
-        ),
-    }
-    if content.stages:
-        stages = pd.DataFrame([dict(stage) for stage in content.stages])
-        plain = [c for c in stages if not stages[c].map(lambda v: isinstance(v, list | dict)).any()]
-        tables["stages"] = readable(stages[plain])
-    if "comparison" in content.metrics:
-        tables["comparison"] = readable(content.metrics["comparison"])
-    for name in ("generalisation", "specificity"):
-        if name in content.metrics:
-            tables[name] = readable(_by_modes(content, name))
-    return tables
 
 
 def _chamfer_floor(content: ReportContent) -> str | None:
@@ -165,35 +135,3 @@ def _chamfer_floor(content: ReportContent) -> str | None:
     if table is None or not {"chamfer_floor_mm", "points"} <= set(table.columns):
         return None
     return f"{table['chamfer_floor_mm'].mean():.2f} mm with {table['points'].iloc[0]:.0f} points"
-
-
-def _other_tables(content: ReportContent) -> list[tuple[str, ReadableTable]]:
-    """Tables that the page has no place of its own for, such as errors against a known truth."""
-    titles = {
-        "comparison_95": "Each method with as many modes as hold 95 % of its own variance",
-        "fit": "Fit of each method's correspondences, mean over the cases",
-        "paper": "The numbers published, on other data",
-        "recovered_modes": "Recovered modes of the known truth",
-        "retraining": "Generalisation to cases that the matcher has not seen",
-        "truth": "Distance from the known truth",
-        "truth_mean": "Distance from the known truth, mean over the cases",
-    }
-    placed = {"compactness", "generalisation", "generalisation_mean", "specificity", "comparison"}
-    return [
-        (titles.get(name, heading(name)), readable(table))
-        for name, table in content.metrics.items()
-        if name not in placed
-    ]
-
-
-def _by_modes(content: ReportContent, name: str) -> pd.DataFrame:
-    """A row a method and number of modes, every distance with its standard error."""
-    merged: pd.DataFrame | None = None
-    for distance in distances_in(content.metrics):
-        table = quality_curves(content.metrics, distance).get(name)
-        if table is None:
-            continue
-        stem, _, unit = distance.rpartition("_")
-        table = table.rename(columns={"value": distance, "se": f"{stem}_se_{unit}"})
-        merged = table if merged is None else merged.merge(table, on=["method", "modes"])
-    return pd.DataFrame() if merged is None else merged.dropna(axis=1, how="all")

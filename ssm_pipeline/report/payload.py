@@ -15,11 +15,14 @@ from ssm_pipeline.export.glb import glb_bytes
 from ssm_pipeline.records import Mesh, ShapePath
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.curves import DISTANCES, distances_in, quality_curves
+from ssm_pipeline.report.distortion_charts import distortion_charts
 from ssm_pipeline.report.grid_pattern import grid_spacing_mm
 from ssm_pipeline.report.landmarks import carry_landmarks
+from ssm_pipeline.report.method_table import method_traits
 from ssm_pipeline.report.packing import Block
 from ssm_pipeline.report.pictures import mode_range_mm
 from ssm_pipeline.report.settings import ReportSettings
+from ssm_pipeline.report.training_curves import training_charts
 
 
 @dataclass(frozen=True)
@@ -60,14 +63,21 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
         "paths": paths,
         "template": {
             "id": content.names[content.aligned.template_id],
+            "wholeId": content.aligned.template_id,
             "isCase": content.template_index is not None,
             "points": template_points,
             "gridMm": grid_spacing_mm(content.template_vertices),
         },
         "landmarks": list(content.landmarks.names) if content.landmarks else [],
         "curves": _curves(content),
+        "methods": {
+            method: {"network": network, "sawCase": saw}
+            for method, (network, saw) in method_traits(content.metrics).items()
+        },
+        "training": training_charts(content.training),
+        "distortion": distortion_charts(content),
     }
-    return Payload(_plain(description), blocks)
+    return Payload(plain(description), blocks)
 
 
 def _cases(
@@ -83,6 +93,7 @@ def _cases(
         cases.append(
             {
                 "id": names[case_id],
+                "wholeId": case_id,
                 "scores": model.scores[index, :modes].tolist(),
                 "reconstructionMm": float(errors[index].mean()),
                 "fit": quality.loc[case_id].to_dict() if case_id in quality.index else {},
@@ -147,12 +158,12 @@ def _curves(content: ReportContent) -> dict[str, Any]:
     return {"charts": charts, "distances": DISTANCES}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Values that JSON knows: no NaN, no NumPy scalars."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     if value is pd.NA or (isinstance(value, float) and not math.isfinite(value)):

@@ -1,97 +1,90 @@
-"""Tables for reading: headings with units, numbers with sensible digits."""
+"""Tables for reading: headings with units, numbers with sensible digits, short case names."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-_UNITS = {
-    "mm": "mm",
-    "ml": "ml",
-    "cm2": "cm²",
-    "mm2": "mm²",
-    "deg": "degrees",
-    "percent": "%",
-    "mb": "MB",
-    "seconds": "s",
-    "s": "s",
-}
-_WORDS = {
-    "case_id": "Case",
-    "se": "standard error",
-    "hd95": "95th percentile distance",
-    "chamfer": "Chamfer distance",
-    "surface": "surface distance",
-    "correspondence": "corresponding-point distance",
-    "min": "smallest",
-    "dropped": "left out because",
-    "cases_in": "cases in",
-}
-_STEMS = {
-    "to_case": "template to case distance",
-    "from_case": "case to template distance",
-    "to_case_hd95": "template to case, 95th percentile",
-    "from_case_hd95": "case to template, 95th percentile",
-    "flipped": "flipped triangles",
-    "uncovered": "surface not covered",
-    "coverage": "covered means within",
-    "distinct": "distinct matched points",
-    "round_trip": "round-trip distance",
-    "geodesic": "mean geodesic error",
-    "geodesic_median": "median geodesic error",
-    "geodesic_p95": "95th percentile of the geodesic error",
-    "geodesic_x100": "mean geodesic error × 100 / √area",
-    "off_surface": "distance off the true surface",
-}
+from ssm_pipeline.report.headings import Heading, headings, whole_heading
+
+
+@dataclass(frozen=True)
+class Cell:
+    """text as shown; whole: what it stands for, on hover and in the saved CSV, where it differs."""
+
+    text: str
+    whole: str = ""
 
 
 @dataclass(frozen=True)
 class ReadableTable:
-    """headings; rows of text; `is_number` per column, for alignment."""
+    """headings; rows of cells; `is_number` per column, for alignment.
 
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    shared  (heading, value) of columns that say the same in every row; they are told below the
+            table and take no room in it.
+    """
+
+    headings: tuple[Heading, ...]
+    rows: tuple[tuple[Cell, ...], ...]
     is_number: tuple[bool, ...]
+    shared: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def groups(self) -> tuple[tuple[str, int], ...]:
+        """(group, number of columns) along the head's upper row; one of "" a column without."""
+        found: list[tuple[str, int]] = []
+        for group, members in groupby(self.headings, key=lambda h: h.group):
+            count = len(list(members))
+            found += [(group, count)] if group else [("", 1)] * count
+        return tuple(found)
 
 
-def heading(column: str) -> str:
-    """'volume_ml' → 'Volume (ml)': the unit is the name's last part."""
-    if column in _WORDS:
-        return _capital(_WORDS[column])
-    if column in _UNITS:
-        return "Time (s)" if _UNITS[column] == "s" else f"({_UNITS[column]})"
-    parts = column.split("_")
-    unit = _UNITS.get(parts[-1]) if len(parts) > 1 else None
-    stem = "_".join(parts[:-1] if unit else parts)
-    words = _STEMS.get(stem) or " ".join(
-        _WORDS.get(part, part) for part in (parts[:-1] if unit else parts)
-    )
-    return _capital(f"{words} ({unit})" if unit else words)
+def readable(
+    table: pd.DataFrame,
+    names: Mapping[str, str] | None = None,
+    keep: tuple[str, ...] = ("case_id", "method", "modes"),
+) -> ReadableTable:
+    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error".
 
-
-def readable(table: pd.DataFrame) -> ReadableTable:
-    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error"."""
+    names  case id → short name; the whole id stays with the cell.
+    keep   columns that stay even where they say the same in every row.
+    """
+    names = names or {}
     errors = {name: partner for name in table if (partner := _error_column(str(name))) in table}
-    shown = [name for name in table if name not in errors.values()]
+    shown: list[Any] = []
+    shared: list[tuple[str, str]] = []
+    for name in table:
+        if name in errors.values():
+            continue
+        values = {text(value, _decimals(table[name])) for value in table[name]}
+        if len(table) > 1 and len(values) == 1 and name not in (*keep, *errors):
+            shared.append((whole_heading(str(name)), values.pop()))
+        else:
+            shown.append(name)
+    shared = [(label, value) for label, value in shared if value not in ("", "–")]
     columns = []
     for name in shown:
         decimals = _decimals(table[name])
-        column = [text(value, decimals) for value in table[name]]
+        column = [_cell(value, decimals, names) for value in table[name]]
         if name in errors:
             column = [
-                f"{value} ± {text(error, decimals)}" if pd.notna(error) else value
-                for value, error in zip(column, table[errors[name]], strict=True)
+                Cell(f"{cell.text} ± {text(error, decimals)}", f"{cell.whole} ± {error:.6g}")
+                if pd.notna(error)
+                else cell
+                for cell, error in zip(column, table[errors[name]], strict=True)
             ]
         columns.append(column)
     return ReadableTable(
-        headings=tuple(heading(str(name)) for name in shown),
+        headings=headings([str(name) for name in shown]),
         rows=tuple(zip(*columns, strict=True)),
-        is_number=tuple(pd.api.types.is_numeric_dtype(table[name]) for name in shown),
+        is_number=tuple(_is_number(table[name]) for name in shown),
+        shared=tuple(shared),
     )
 
 
@@ -109,20 +102,13 @@ def text(value: Any, decimals: int = 2) -> str:
     return str(value)
 
 
-def _error_column(name: str) -> str:
-    stem, _, unit = name.rpartition("_")
-    return f"{stem}_se_{unit}"
+def p_text(p: float) -> str:
+    """A p-value for reading, no smaller than 0.001.
 
-
-def _decimals(column: pd.Series) -> int:
-    """Decimals for a whole column: three digits of its middle value, none for counts."""
-    if not pd.api.types.is_numeric_dtype(column) or pd.api.types.is_bool_dtype(column):
-        return 2
-    known = column.dropna().abs()
-    known = known.where(known > 1e-9, 0.0)  # round-off of a zero is a zero
-    if (known == known.round()).all():
-        return 0
-    return int(np.clip(2 - math.floor(math.log10(known[known > 0].median())), 0, 4))
+    >>> p_text(0.0312), p_text(2e-7)
+    ('0.031', '< 0.001')
+    """
+    return "–" if math.isnan(p) else "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -134,5 +120,34 @@ def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
             yield f"{prefix}{name}", str(value)
 
 
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
+def _cell(value: Any, decimals: int, names: Mapping[str, str]) -> Cell:
+    if isinstance(value, str):
+        return Cell(names.get(value, value), value)
+    shown = text(value, decimals)
+    is_fraction = isinstance(value, float | np.floating) and math.isfinite(value)
+    return Cell(shown, f"{value:.6g}" if is_fraction else shown)
+
+
+def _error_column(name: str) -> str:
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}_se_{unit}"
+
+
+def _is_number(column: pd.Series) -> bool:
+    return pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+
+
+def _decimals(column: pd.Series) -> int:
+    """Decimals for a whole column: three digits of its middle value, none for counts."""
+    if not _is_number(column):
+        return 2
+    if str(column.name).endswith("_z"):
+        return 1  # standard scores
+    known = column.dropna().abs()
+    known = known[np.isfinite(known)]
+    known = known.where(known > 1e-9, 0.0)  # round-off of a zero is a zero
+    if (known == known.round()).all():
+        return 0
+    if known.max() < 5e-5:
+        return 0  # would all be written 0.0000
+    return int(np.clip(2 - math.floor(math.log10(known[known > 0].median())), 0, 4))

@@ -77,7 +77,14 @@ def report_content(run: Run) -> ReportContent:
         settings=run.settings,
         versions=versions(),
         seed=run.settings["seed"],
+        training=_losses(run),
     )
+
+
+def _losses(run: Run) -> pd.DataFrame | None:
+    """A row a step of the training; None for a study without a network."""
+    path = run.folder / "training" / "losses.csv"
+    return pd.read_csv(path) if path.exists() else None
 
 
 def _cohort(run: Run) -> pd.DataFrame:

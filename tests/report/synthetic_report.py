@@ -1,9 +1,14 @@
-"""A small made-up study for the tests of the report: lung-like blobs with known deformations."""
+"""Made-up studies for the tests of the report: lung-like blobs with known deformations."""
 
 from __future__ import annotations
 
+import dataclasses
+import io
+import zlib
+
 import numpy as np
 import pandas as pd
+from PIL import Image
 from scipy.spatial import ConvexHull
 
 from ssm_pipeline.geometry import surface
@@ -168,3 +173,197 @@ def _metrics(
             }
         ),
     }
+
+
+# Method, level of generalisation and specificity in mm, whether it uses a network.
+COHORT_METHODS = (
+    ("full", 1.06, 2.31, True),
+    ("without groupwise", 1.07, 2.32, True),
+    ("without adaptation", 1.55, 2.75, True),
+    ("spectral only", 1.83, 2.91, True),
+    ("adaptation only", 1.07, 2.29, False),
+    ("adaptation only, groupwise", 1.06, 2.31, False),
+    ("nearest point", 1.41, 2.52, False),
+    ("affine nearest", 1.38, 2.50, False),
+    ("affine nearest, groupwise", 1.35, 2.48, False),
+    ("nricp", 1.12, 2.37, False),
+    ("bcpd", 1.17, 2.42, False),
+    ("bcpd, groupwise", 1.16, 2.41, False),
+    ("S3M", 1.71, 3.22, True),
+    ("S3M tuned", 1.52, 3.01, True),
+)
+
+
+def make_cohort(vertex_count: int = 600, case_count: int = 29, seed: int = 5) -> ReportContent:
+    """As large a report as real cohorts give: ids of 64 characters, 14 methods, every table."""
+    content = make_content(vertex_count, case_count, 4, seed)
+    generator = np.random.default_rng(seed)
+    digits = generator.integers(10, size=(case_count + 2, 33))
+    ids = [f"1.3.6.1.4.1.14519.5.2.1.6279.6001.{''.join(map(str, row))}" for row in digits][:-2]
+    ids = [case_id[:64] for case_id in ids]
+    new = dict(zip(content.aligned.case_ids, ids, strict=True))
+    cohort = content.cohort.assign(
+        case_id=[
+            new.get(case_id, f"1.3.6.1.4.1.14519.{'9' * 40}")
+            for case_id in content.cohort["case_id"]
+        ],
+        faces=8000,
+        boundary_loops=0,
+        handles_cut=generator.integers(0, 3, case_count + 1),
+        voxel_mm=1.5,
+        smoothing_mm=2.0,
+        mask_volume_ml=lambda table: table["volume_ml"] * 1.00001,
+        volume_change_percent=generator.normal(0, 1e-5, case_count + 1),
+        surface_mean_mm=generator.uniform(0.3, 0.5, case_count + 1),
+        surface_hd95_mm=generator.uniform(0.9, 1.4, case_count + 1),
+    )
+    fits = content.correspondence.assign(
+        case_id=ids,
+        to_case_mm=1e-15 * generator.uniform(1, 3, case_count),
+        to_case_hd95_mm=3e-15 * generator.uniform(1, 3, case_count),
+        from_case_mm=lambda table: 2 * table["surface_mm"],
+        from_case_hd95_mm=lambda table: table["hd95_mm"],
+        uncovered_percent=generator.uniform(0, 0.4, case_count),
+        coverage_mm=11.3,
+        distinct_percent=generator.uniform(70, 90, case_count),
+        round_trip_mm=generator.uniform(1, 2, case_count),
+    )
+    paths = tuple(
+        dataclasses.replace(path, template_id=ids[0], case_id=new[path.case_id])
+        for path in content.paths
+    )
+    check, pictures = _check(ids, generator)
+    return dataclasses.replace(
+        content,
+        study="lungs",
+        is_synthetic=False,
+        model=dataclasses.replace(content.model, case_ids=tuple(ids)),
+        aligned=dataclasses.replace(content.aligned, case_ids=tuple(ids), template_id=ids[0]),
+        meshes=tuple(dataclasses.replace(m, case_id=new[m.case_id]) for m in content.meshes),
+        paths=paths,
+        correspondence=fits,
+        metrics=_cohort_metrics(
+            content.model.compactness, ids, [p.case_id for p in paths], generator
+        ),
+        cohort=cohort,
+        training=_losses(400, generator),
+        check=check,
+        check_pictures=pictures,
+    )
+
+
+def _cohort_metrics(
+    compactness: np.ndarray, ids: list[str], path_cases: list[str], generator: np.random.Generator
+) -> dict[str, pd.DataFrame]:
+    modes = np.unique(np.linspace(1, len(compactness), 24).round().astype(int))
+    spread = generator.normal(0, 0.15, len(ids))
+    compact, general, specific, rows = [], [], [], []
+    for method, level, drawn, network in COHORT_METHODS:
+        own = generator.normal(0, 0.02, len(ids)) if method != "full" else np.zeros(len(ids))
+        for m in modes:
+            compact.append(
+                {"method": method, "modes": m, "share": compactness[m - 1] ** (level / 1.06)}
+            )
+            specific.append(
+                {"method": method, "modes": m, "chamfer_mm": drawn + 2 + 0.01 * m,
+                 "chamfer_se_mm": 0.03, "surface_mm": drawn + 0.01 * m, "surface_se_mm": 0.05,
+                 "hd95_mm": 2.4 * drawn, "hd95_se_mm": 0.1, "samples": 1000, "surface_samples": 100,
+                 "chamfer_floor_mm": 1.93, "points": 4000, "seed": 0}
+            )  # fmt: skip
+            general += [
+                {"method": method, "matching_saw_case": network or "groupwise" in method,
+                 "case_id": case, "modes": m, "chamfer_mm": 1.6 + level + 2 / m + s + o,
+                 "surface_mm": level + 2 / m + s + o, "hd95_mm": 2.2 * level + 4 / m,
+                 "correspondence_mm": 2 * level + 4 / m, "chamfer_floor_mm": 1.93, "points": 4000}
+                for case, s, o in zip(ids, spread, own, strict=True)
+            ]  # fmt: skip
+        row = {
+            "method": method, "modes": modes[-1], "cases": len(ids), "points": 4000,
+            "uses_network": network, "variance_percent": 99.2 - level,
+        }  # fmt: skip
+        for name, value, full, error in (
+            ("generalisation", level, 1.06, 0.03), ("specificity", drawn, 2.31, 0.05)
+        ):  # fmt: skip
+            difference = value - full + generator.normal(0, 0.004)
+            row |= {
+                f"{name}_surface_mm": value + 0.07, f"{name}_surface_se_mm": error,
+                f"{name}_surface_difference_mm": difference,
+                f"{name}_surface_low_mm": difference - 0.018,
+                f"{name}_surface_high_mm": difference + 0.018,
+                f"{name}_surface_p": float(np.exp(-((difference / 0.009) ** 2) / 2)),
+                f"{name}_chamfer_mm": value + 1.7, f"{name}_chamfer_se_mm": error,
+                f"{name}_hd95_mm": 2.3 * value, f"{name}_hd95_se_mm": 2 * error,
+            }  # fmt: skip
+        if method == "full":
+            row |= dict.fromkeys(
+                [key for key in row if "difference" in key or "_low" in key or "_high" in key], 0.0
+            )
+        rows.append(row)
+    times = np.linspace(0, 1, 11)
+    return {
+        "compactness": pd.DataFrame(compact),
+        "generalisation": pd.DataFrame(general),
+        "specificity": pd.DataFrame(specific),
+        "comparison": pd.DataFrame(rows),
+        "interpolation": pd.DataFrame(
+            [
+                {
+                    "case_id": case,
+                    "t": t,
+                    "conformal_distortion": 2 + 0.05 * t,
+                    "straight_conformal_distortion": 2 + 0.05 * t + 0.09 * np.sin(np.pi * t),
+                }
+                for case in path_cases
+                for t in times
+            ]
+        ),
+    }
+
+
+def _losses(steps: int, generator: np.random.Generator, collapsed: bool = False) -> pd.DataFrame:
+    step = np.arange(1, steps + 1)
+    noise = np.exp(generator.normal(0, 0.2, (4, steps)))
+    fall = np.exp(-step / 80)
+    terms = {
+        "bijectivity": (180 * fall + 9) * noise[0],
+        "orthogonality": (170 * fall + 12) * noise[1],
+        "align": (2600 * fall + 160) * noise[2],
+        "arap": np.where(step > steps // 3, (300 * fall + 20) * noise[3], np.nan),
+    }
+    rise = 1 - fall
+    return pd.DataFrame(
+        {
+            "step": step,
+            "total": np.nansum(list(terms.values()), axis=0),
+            **terms,
+            "map_extent": 0.04 * noise[0] if collapsed else 0.05 + 0.93 * rise,
+            "map_sharpness": 0.02 + (0 if collapsed else 0.4) * rise,
+            "mean_cosine": np.full(steps, 0.97) if collapsed else 0.9 - 0.85 * rise,
+            "share_hit": 0.03 + (0 if collapsed else 0.7) * rise,
+        }
+    )
+
+
+def _check(ids: list[str], generator: np.random.Generator) -> tuple[pd.DataFrame, dict[str, bytes]]:
+    table = pd.DataFrame(
+        {
+            "case_id": ids,
+            "volume_ml": generator.normal(2000, 400, len(ids)),
+            **{name: generator.standard_normal(len(ids)) for name in
+               ("volume_z", "extent_z", "spectrum_z", "rigid_fit_z")},
+            "components": 1,
+            "remarks": "",
+        }
+    )  # fmt: skip
+    table.loc[3, ["volume_z", "remarks"]] = [-7.4, "a thousandth of the others' volume: metres?"]
+    table.loc[11, ["rigid_fit_z", "remarks"]] = [5.2, "fits better when mirrored"]
+    table.loc[17, "spectrum_z"] = 4.1
+    pictures = {}
+    for case_id in ids:
+        shade = 90 + zlib.crc32(case_id.encode()) % 120
+        image = np.zeros((72, 72, 4), np.uint8)
+        image[16:56, 20:52] = [shade, 150, 160, 255]
+        buffer = io.BytesIO()
+        Image.fromarray(image).save(buffer, "PNG")
+        pictures[case_id] = buffer.getvalue()
+    return table, pictures

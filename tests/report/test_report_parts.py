@@ -10,18 +10,37 @@ import pytest
 
 from ssm_pipeline.report.curves import curve, quality_curves
 from ssm_pipeline.report.grid_pattern import pattern_colours, patterned_scenes
+from ssm_pipeline.report.headings import heading, headings, whole_heading
 from ssm_pipeline.report.landmarks import carry_landmarks, landmarks_from_markups
 from ssm_pipeline.report.packing import Block
 from ssm_pipeline.report.rounding import FINE, round_up
-from ssm_pipeline.report.tables import flattened, heading, readable
+from ssm_pipeline.report.tables import Cell, flattened, p_text, readable
+
+
+def shown(table: pd.DataFrame) -> list[tuple[str, ...]]:
+    return [tuple(cell.text for cell in row) for row in readable(table).rows]
 
 
 def test_headings_carry_units():
     assert heading("volume_ml") == "Volume (ml)"
-    assert heading("hd95_mm") == "95th percentile distance (mm)"
+    assert heading("hd95_mm") == "95th percentile (mm)"
     assert heading("min_angle_deg") == "Smallest angle (degrees)"
     assert heading("case_id") == "Case"
-    assert heading("to_case_mm") == "Template to case distance (mm)"
+    assert whole_heading("to_case_mm") == "Template to case, mean (mm)"
+
+
+def test_columns_that_begin_alike_share_a_heading():
+    columns = ["case_id", "surface_mean_mm", "surface_hd95_mm", "to_case_mm", "modes"]
+    found = headings(columns)
+    assert [h.group for h in found] == ["", "Surface distance", "Surface distance", "", ""]
+    # A group of one is no group: its heading says all.
+    assert [h.text for h in found[1:4]] == [
+        "Mean (mm)",
+        "95th percentile (mm)",
+        "Template to case, mean (mm)",
+    ]
+    table = readable(pd.DataFrame([[0.5, 1, 2, 3, 4], [1.5, 2, 3, 4, 5]], columns=columns))
+    assert table.groups == (("", 1), ("Surface distance", 2), ("", 1), ("", 1))
 
 
 def test_numbers_are_rounded_by_column_and_errors_joined():
@@ -35,17 +54,50 @@ def test_numbers_are_rounded_by_column_and_errors_joined():
         }
     )
     result = readable(table)
-    assert result.headings[1] == "Chamfer distance (mm)"
-    assert result.rows == (
-        ("a", "2.00 ± 0.05", "2", "cut; small"),
-        ("b", "2.46", "–", ""),
-    )
+    assert result.headings[1].text == "Chamfer (mm)"
+    assert shown(table) == [("a", "2.00 ± 0.05", "2", "cut; small"), ("b", "2.46", "–", "")]
     assert result.is_number == (False, True, True, False)
 
 
+def test_long_ids_are_short_and_whole_on_hover():
+    table = readable(pd.DataFrame({"case_id": ["x" * 60, "b"]}), {"x" * 60: "…x"})
+    assert table.rows[0] == (Cell("…x", "x" * 60),)
+    assert table.rows[1] == (Cell("b", "b"),)
+
+
+def test_what_every_row_says_is_told_once():
+    table = readable(
+        pd.DataFrame(
+            {
+                "case_id": ["a", "b"],
+                "points": [4000, 4000],
+                "to_case_mm": [1e-15, 3e-15],
+                "warnings": ["", ""],
+                "x_mm": [1.0, 2.0],
+            }
+        )
+    )
+    assert [h.text for h in table.headings] == ["Case", "X (mm)"]
+    assert table.shared == (("Points", "4000"), ("Template to case, mean (mm)", "0"))
+
+
+def test_one_row_keeps_its_columns():
+    assert len(readable(pd.DataFrame({"case_id": ["a"], "points": [4000]})).headings) == 2
+
+
 def test_round_off_of_a_zero_is_a_plain_zero():
-    assert readable(pd.DataFrame({"x_mm": [-1e-15, 0.0]})).rows == (("0",), ("0",))
-    assert readable(pd.DataFrame({"x_mm": [-0.001, 1.25]})).rows[0] == ("−0.001",)
+    table = pd.DataFrame({"x_mm": [-1e-15, 0.0], "y": [1, 2]})
+    assert readable(table).shared == (("X (mm)", "0"),)
+    assert shown(pd.DataFrame({"x_mm": [-0.001, 1.25]}))[0] == ("−0.001",)
+
+
+def test_tiny_p_values_are_not_written_as_zero():
+    assert [p_text(p) for p in (0.5, 0.0312, 2e-9, float("nan"))] == [
+        "0.500",
+        "0.031",
+        "< 0.001",
+        "–",
+    ]
 
 
 def test_nested_settings_become_dotted_names():

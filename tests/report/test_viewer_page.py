@@ -15,11 +15,13 @@ import pandas as pd
 import pytest
 import trimesh
 from matplotlib.image import imread
-from synthetic_report import make_content
+from synthetic_report import make_cohort, make_content
 
-from ssm_pipeline.report.page import VIEWER, page_html, write_page
+from ssm_pipeline.evaluation.matching_quality import conformal_distortion
+from ssm_pipeline.report.page import page_html, write_page
 from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.settings import ReportSettings
+from ssm_pipeline.report.template import VIEWER
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the page")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -29,7 +31,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]  # fmt: skip
 SETTINGS = ReportSettings(modes=5, case_faces=500, tile_px=96)
-TABS = ["overview", "modes", "interpolation", "correspondence", "quality"]
+TABS = ["overview", "modes", "interpolation", "correspondence", "quality", "cohort"]
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +150,7 @@ def test_every_tab_by_keyboard_alone(page):
     page.keyboard.press("ArrowRight")
     assert page.locator("#panel-overview").is_visible()
     page.keyboard.press("End")
-    assert page.locator("#panel-quality").is_visible()
+    assert page.locator("#panel-cohort").is_visible()
 
 
 def test_interpolation_shows_the_path(page, content):
@@ -161,7 +163,7 @@ def test_interpolation_shows_the_path(page, content):
     np.testing.assert_allclose(positions(page, "interpolation"), expected, atol=0.01)
     page.evaluate("viewer.interpolation.set(0, 0)")
     at_rest = np.array(page.evaluate("[...viewer.interpolation.distortion()]"))
-    np.testing.assert_allclose(at_rest, 1, atol=1e-3)
+    np.testing.assert_allclose(at_rest, 2, atol=1e-3)
     with page.expect_download() as download:
         page.click("#interpolation-picture")
     assert download.value.suggested_filename.endswith(".png")
@@ -193,7 +195,13 @@ def test_distortion_is_that_of_the_singular_values(page, content):
     # In an orthonormal frame of each triangle, the map's singular values s1 ≥ s2.
     flat = [np.linalg.qr(e.transpose(0, 2, 1))[1] for e in edges]
     s1, s2 = np.linalg.svd(flat[1] @ np.linalg.inv(flat[0]), compute_uv=False).T
-    np.testing.assert_allclose(shown, (s1 / s2 + s2 / s1) / 2, rtol=5e-3)
+    np.testing.assert_allclose(shown, s1 / s2 + s2 / s1, rtol=5e-3)
+    evaluated = conformal_distortion(path.at(0, 1), path.at(1, 1), path.faces)
+    np.testing.assert_allclose(shown, evaluated, rtol=5e-3)
+    # The straight line, too, has arrived: both readouts are the evaluation's mean.
+    readouts = page.locator("#interpolation-readouts dd").all_inner_texts()
+    assert float(readouts[0]) == pytest.approx(evaluated.mean(), abs=2e-3)
+    assert float(readouts[2]) == pytest.approx(evaluated.mean(), abs=2e-3)
 
 
 def test_worst_fit_comes_first_after_the_template(page, content):
@@ -222,13 +230,18 @@ def test_worst_fit_comes_first_after_the_template(page, content):
 
 def test_charts_read_out_values(page, content):
     page.click("#tab-quality")
+    page.select_option("#quality-distance", "chamfer_mm")
     chart = page.locator("#quality-charts .chart").nth(2)
     chart.locator("svg").first.focus()
     page.keyboard.press("ArrowLeft")
     modes = content.model.mode_count - 1
-    expected = content.metrics["specificity"].query("method == 'ours' and modes == @modes")
-    text = chart.locator(".reading").inner_text()
-    assert text.startswith(f"{modes} modes: ours {expected['chamfer_mm'].item():.2f} ± 0.03 mm")
+    expected = content.metrics["specificity"].query("modes == @modes").set_index("method")
+    assert chart.locator("caption").inner_text() == f"with {modes} modes"
+    rows = chart.locator(".reading tbody tr").all_inner_texts()
+    shown = [re.sub(r"\s+", " ", row).strip() for row in rows]
+    assert shown == [  # the best first
+        f"{method} {expected.loc[method, 'chamfer_mm']:.2f} ± 0.03" for method in ("ours", "s3m")
+    ]
 
 
 def test_ten_methods_are_told_apart(content, browser, tmp_path):
@@ -246,10 +259,16 @@ def test_ten_methods_are_told_apart(content, browser, tmp_path):
     page.wait_for_selector("#quality-charts .chart")
     lines = page.evaluate(
         "[...document.querySelector('#quality-charts .chart svg')"
-        ".querySelectorAll('path[stroke-width=\"2\"]')]"
-        ".map(p => p.getAttribute('stroke') + p.getAttribute('stroke-dasharray'))"
+        ".querySelectorAll('path.curve')].map(p => ['stroke', 'stroke-dasharray',"
+        " 'stroke-dashoffset'].map(name => p.getAttribute(name)).join())"
     )
     assert len(lines) == len(set(lines)) == 10
+    # All ten lines coincide here: the page says so and gives each its stripes.
+    note = page.locator("#quality-charts .chart").first.locator(".note").inner_text()
+    assert "method 0 = method 1 = " in note
+    page.locator("#quality-charts .reading button", has_text="method 7").click()
+    faint = page.locator("#quality-charts .chart").first.locator(".line.faint")
+    assert faint.count() == 9
     page.close()
 
 
@@ -261,11 +280,90 @@ def test_no_tab_scrolls_sideways(page, width):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+@pytest.fixture(scope="module")
+def cohort_file(tmp_path_factory) -> Path:
+    """29 cases with ids of 64 characters, 14 methods, training curves, cohort check."""
+    path = tmp_path_factory.mktemp("cohort") / "index.html"
+    write_page(make_cohort(150), path, SETTINGS)
+    return path
+
+
+CUT = """[...document.querySelectorAll('.scroll')].filter((box) => box.offsetParent !== null)
+    .filter((box) => box.scrollWidth > box.clientWidth).map((box) => box.ariaLabel)"""
+TALL = """[...document.querySelectorAll('.scroll thead')].filter((t) => t.offsetParent !== null)
+    .filter((t) => t.offsetHeight > 5 * 16).map((t) => t.textContent)"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_tables_of_a_real_cohort_fit_a_laptop(browser, cohort_file, scheme):
+    page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
+    page.goto(cohort_file.as_uri())
+    for name in [*TABS, "training"]:
+        page.click(f"#tab-{name}")
+        page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
+        assert page.evaluate(CUT) == [], name
+        assert page.evaluate(TALL) == [], name
+        assert page.evaluate("document.documentElement.scrollWidth") <= 1280
+    page.close()
+
+
+def test_whole_ids_are_on_hover_and_in_the_saved_table(browser, cohort_file, tmp_path):
+    page = browser.new_page()
+    page.goto(cohort_file.as_uri())
+    page.click("#tab-cohort")
+    whole = page.locator("#table-cohort tbody td").first.get_attribute("title")
+    assert len(whole) > 50
+    assert whole.endswith(page.locator("#table-cohort tbody td").first.inner_text().strip("…"))
+    with page.expect_download() as download:
+        page.click("button[data-save=table-cohort]")
+    download.value.save_as(tmp_path / "cohort.csv")
+    table = pd.read_csv(tmp_path / "cohort.csv", dtype=str)
+    assert table["Case"].tolist()[0] == whole
+    assert len(table) == 30
+    shown = make_cohort(150).cohort.set_index("case_id")["volume_ml"]
+    saved = table.set_index("Case")["Volume (ml)"].replace("–", np.nan).astype(float)
+    np.testing.assert_allclose(saved, shown[saved.index], rtol=1e-5)  # six digits
+    page.close()
+
+
+def test_methods_at_a_glance(browser, cohort_file, tmp_path):
+    page = browser.new_page()
+    page.goto(cohort_file.as_uri())
+    page.click("#tab-quality")
+    row = page.locator("#table-methods tbody tr", has_text="S3M tuned")
+    assert row.locator(".trait").all_inner_texts() == ["yes", "yes"]
+    assert "worse" in row.locator(".verdict").first.inner_text()
+    row = page.locator("#table-methods tbody tr", has_text="without groupwise")
+    assert "alike" in row.locator(".verdict").first.inner_text()
+    with page.expect_download() as download:
+        page.click("button[data-save=table-methods]")
+    download.value.save_as(tmp_path / "methods.csv")
+    table = pd.read_csv(tmp_path / "methods.csv")
+    assert table["Method"].tolist()[0] == "full"
+    assert len(table) == 15  # 14 methods and the floor
+    page.close()
+
+
+def test_a_collapsed_map_is_told_on_the_first_tab(content, browser, tmp_path):
+    steps = np.arange(1, 101)
+    losses = pd.DataFrame({"step": steps, "total": 1.0 / steps, "map_extent": 0.04})
+    path = tmp_path / "index.html"
+    write_page(dataclasses.replace(content, training=losses), path, SETTINGS)
+    page = browser.new_page()
+    page.goto(path.as_uri())
+    assert "The map has collapsed" in page.locator("#panel-overview .warning").inner_text()
+    page.click("#tab-training")
+    assert page.locator("#training-charts .chart").count() == 2
+    page.close()
+
+
 def test_users_text_is_never_code(content, browser, tmp_path):
     bad = "</script><script>window.owned = 1</script><b id=owned>"
     path = tmp_path / "index.html"
     cohort = content.cohort.assign(warnings=bad)
-    write_page(dataclasses.replace(content, study=bad, cohort=cohort), path, SETTINGS)
+    check = pd.DataFrame({"case_id": content.aligned.case_ids, "remarks": bad})
+    hostile = dataclasses.replace(content, study=bad, cohort=cohort, check=check)
+    write_page(hostile, path, SETTINGS)
     page = browser.new_page()
     page.goto(path.as_uri())
     assert page.evaluate("window.owned") is None
@@ -312,7 +410,7 @@ def test_the_page_of_a_whole_cohort_stays_small():
 
 
 def test_captions_state_the_floor_of_the_chamfer_distance(content):
-    assert page_html(content, SETTINGS).count("1.25 mm with 500 points") == 2
+    assert page_html(content, SETTINGS).count("1.25 mm with 500 points") == 1
 
 
 def test_nothing_is_loaded_from_elsewhere(content):

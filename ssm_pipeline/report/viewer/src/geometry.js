@@ -60,8 +60,8 @@ export function cotangents(rest, faces) {
 }
 
 /**
- * Conformal distortion of each triangle against the rest shape, (s1/s2 + s2/s1) / 2 with s1, s2
- * the singular values of its map: 1 where angles are kept. Hormann and Greiner 2000, halved.
+ * Conformal distortion of each triangle against the rest shape, s1/s2 + s2/s1 with s1, s2 the
+ * singular values of its map: 2 where angles are kept. Hormann and Greiner 2000 (MIPS).
  */
 export function distortion(positions, faces, cotangent, out) {
   for (let f = 0, t = 0; f < faces.length; f += 3, t++) {
@@ -76,7 +76,7 @@ export function distortion(positions, faces, cotangent, out) {
     const ux = positions[b] - positions[a], uy = positions[b + 1] - positions[a + 1], uz = positions[b + 2] - positions[a + 2];
     const vx = positions[c] - positions[a], vy = positions[c + 1] - positions[a + 1], vz = positions[c + 2] - positions[a + 2];
     const twiceArea = Math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx);
-    out[t] = energy / Math.max(2 * twiceArea, 1e-12);
+    out[t] = energy / Math.max(twiceArea, 1e-12);
   }
   return out;
 }

@@ -3,12 +3,14 @@ import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshLambertMaterial 
 import { array, block } from "./data.js";
 import { legend, lookup } from "./colours.js";
 import { cotangents, distortion, vertexNormals } from "./geometry.js";
+import { showDistortion } from "./distortion.js";
 import { createStage } from "./stage.js";
 import { zip } from "./zip.js";
 
 const $ = (id) => document.getElementById(id);
+const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 const FRAMES = 41; // of a saved series: t in steps of 0.025
-const WORST = 2; // distortion at the end of the colour bar
+const KEPT = 2, WORST = 4; // conformal distortion at the ends of the colour bar
 const BONE = [0.69, 0.6, 0.46]; // linear light
 
 export function startInterpolation(study) {
@@ -19,7 +21,7 @@ export function startInterpolation(study) {
   const play = $("interpolation-play");
   let stage, path, shape, playing = null;
 
-  legend($("interpolation-legend"), "sequential", "1 (kept)", `${WORST} or more`);
+  legend($("interpolation-legend"), "sequential", `${KEPT} (kept)`, `${WORST} or more`);
   $("interpolation-pair").append(...study.paths.map((p, i) => new Option(`${p.template} → ${p.case}`, i)));
 
   function load(index) {
@@ -33,6 +35,9 @@ export function startInterpolation(study) {
     path.positions = new Float32Array(count);
     path.normals = new Float32Array(count);
     path.distortion = new Float32Array(faces.length / 3);
+    path.straight = new Float32Array(count);
+    path.straightDistortion = new Float32Array(faces.length / 3);
+    if (study.distortion.length) showDistortion($("interpolation-chart"), study.distortion, index);
     let radius = 0;
     for (let i = 0; i < pose.length; i += 3) radius = Math.max(radius, Math.hypot(pose[i], pose[i + 1], pose[i + 2]));
     stage ??= createStage(stageBox, 1.05 * radius, "The interpolated shape, in 3D");
@@ -68,7 +73,7 @@ export function startInterpolation(study) {
     $("interpolation-legend").style.visibility = painted ? "visible" : "hidden";
     const { position, normal, color } = shape.geometry.attributes;
     for (let f = 0; f < faces.length; f++) {
-      const at = 3 * Math.max(0, Math.min(255, Math.round((255 * (path.distortion[(f / 3) | 0] - 1)) / (WORST - 1))));
+      const at = 3 * Math.max(0, Math.min(255, Math.round((255 * (path.distortion[(f / 3) | 0] - KEPT)) / (WORST - KEPT))));
       for (let k = 0; k < 3; k++) {
         position.array[3 * f + k] = path.positions[3 * faces[f] + k];
         normal.array[3 * f + k] = path.normals[3 * faces[f] + k];
@@ -79,10 +84,19 @@ export function startInterpolation(study) {
     outputs.t.textContent = t.toFixed(2);
     outputs.ts.textContent = ts.toFixed(2);
     const sorted = Float32Array.from(path.distortion).sort();
-    const mean = sorted.reduce((a, b) => a + b, 0) / sorted.length;
-    const readings = [["Mean distortion", mean], ["95th percentile", sorted[Math.floor(0.95 * (sorted.length - 1))]]];
-    $("interpolation-readouts").innerHTML = readings.map(([k, v]) => `<div><dt>${k} (no unit)</dt><dd>${v.toFixed(3)}</dd></div>`).join("");
+    const readings = [["Mean distortion", mean(sorted)], ["95th percentile", sorted[Math.floor(0.95 * (sorted.length - 1))]], ["Mean on the straight line", straight(t, ts)]];
+    $("interpolation-readouts").innerHTML = readings.map(([k, v]) => `<div><dt>${k}</dt><dd>${v.toFixed(3)}</dd></div>`).join("");
     stage.draw();
+  }
+
+  /** Mean distortion where every point goes evenly from its start to where it ends at t_s. */
+  function straight(t, ts) {
+    const { pose, offsets, count, faces } = path;
+    const last = pose.length - count;
+    for (let i = 0; i < count; i++) {
+      path.straight[i] = (1 - t) * (pose[i] + ts * offsets[i]) + t * (pose[last + i] + ts * offsets[last + i]);
+    }
+    return mean(distortion(path.straight, faces, path.cotangents, path.straightDistortion));
   }
 
   const SECONDS = 4;

@@ -1,11 +1,13 @@
 // Entry: reads the page's data and starts each tab when it is first opened.
 import { legend } from "./colours.js";
-import { showCharts } from "./charts.js";
 import { startCorrespondence } from "./correspondence.js";
 import { block, readModel } from "./data.js";
 import { startInterpolation } from "./interpolation.js";
 import { startModes } from "./modes.js";
+import { FULL, showQuality } from "./quality.js";
+import { offerTables } from "./save_table.js";
 import { startTabs } from "./tabs.js";
+import { showTraining } from "./training.js";
 
 const study = JSON.parse(document.getElementById("description").textContent);
 const once = (make) => {
@@ -33,6 +35,8 @@ for (const element of document.querySelectorAll(".legend[data-map]")) {
   legend(element, element.dataset.map, element.dataset.low, element.dataset.high);
 }
 
+offerTables(study.study);
+
 const distances = Object.keys(study.curves.distances).filter((name) =>
   Object.values(study.curves.charts).some((byDistance) => byDistance[name]),
 );
@@ -50,7 +54,7 @@ const in3D = (name, start) => () => {
 
 startTabs({
   overview() {
-    showCharts(document.getElementById("overview-charts"), study.curves, distances[0]);
+    showQuality(document.getElementById("overview-charts"), study, distances[0], study.methods[FULL] && FULL);
   },
   modes: in3D("modes", () => startModes(study, model(), casesBlock)),
   interpolation: study.paths.length ? in3D("interpolation", () => startInterpolation(study)) : undefined,
@@ -58,8 +62,11 @@ startTabs({
   quality() {
     const select = document.getElementById("quality-distance");
     select.append(...distances.map((name) => new Option(study.curves.distances[name], name)));
-    const show = () => showCharts(document.getElementById("quality-charts"), study.curves, select.value);
+    const show = () => showQuality(document.getElementById("quality-charts"), study, select.value);
     select.addEventListener("change", show);
     show();
+  },
+  training() {
+    showTraining(document.getElementById("training-charts"), study.training);
   },
 });

@@ -1,0 +1,229 @@
+"""The methods at a glance: value, difference from the full method with its interval, and traits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from ssm_pipeline.methods import FULL, TRUTH, WITHOUT_NETWORK
+from ssm_pipeline.report.rounding import FINE, round_up
+from ssm_pipeline.report.tables import p_text, text
+
+ALPHA = 0.05
+# Prefix of the comparison's columns, heading, unit; the distances are lower where better.
+_MEASURES = (
+    ("generalisation_surface", "Generalisation", "surface distance", "mm"),
+    ("unseen_generalisation_surface", "Generalisation, case unseen", "surface distance", "mm"),
+    ("specificity_surface", "Specificity", "surface distance", "mm"),
+    ("labels", "Anatomical labels", "area that disagrees", "percent"),
+    ("generalisation_chamfer", "Gener.", "Chamfer", "mm"),
+    ("specificity_chamfer", "Spec.", "Chamfer", "mm"),
+    ("variance", "Variance", "kept", "percent"),
+)
+_MOST_DIFFERENCES = 4  # columns with intervals; more would not fit a laptop's width
+_UNIT_TEXT = {"mm": "mm", "percent": "%"}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A method minus the full one, same cases: value with its 95 % interval low … high.
+
+    p is adjusted for the number of methods (Holm), NaN where it was not computed. better, worse:
+    the interval leaves out 0, and p, where there is one, is below 0.05.
+    at, at_low, at_high: percent of the way along the axis that all rows share; 50 is no difference.
+    """
+
+    low: float
+    value: float
+    high: float
+    p: float
+    at_low: float
+    at: float
+    at_high: float
+
+    @property
+    def verdict(self) -> str:
+        if pd.notna(self.p) and self.p >= ALPHA:
+            return "alike"
+        return "better" if self.high < 0 else "worse" if self.low > 0 else "alike"
+
+    @property
+    def shown(self) -> str:
+        """With its sign, unless it rounds to nothing."""
+        return f"{'+' if float(f'{self.value:.2f}') > 0 else ''}{text(self.value)}"
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the value lies beyond the axis."""
+        return not 0 < self.at < 100
+
+    @property
+    def p_shown(self) -> str:
+        return p_text(self.p)
+
+    @property
+    def label(self) -> str:
+        interval = f"{text(self.low)} to {text(self.high)}"
+        p = f", p {p_text(self.p)}" if pd.notna(self.p) else ""
+        return f"{text(self.value)} ({interval}{p}): {self.verdict}"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One column: title above, subtitle with the unit; axis is the interval plot's half width."""
+
+    title: str
+    subtitle: str
+    has_difference: bool
+    axis: str
+
+
+@dataclass(frozen=True)
+class MethodRow:
+    """uses_network, saw_case: None where not known or a floor; cells a value and a difference."""
+
+    method: str
+    kind: str  # "method", "full" or "floor"
+    uses_network: bool | None
+    saw_case: bool | None
+    cells: tuple[tuple[str, Difference | None], ...]
+
+
+@dataclass(frozen=True)
+class MethodTable:
+    measures: tuple[Measure, ...]
+    rows: tuple[MethodRow, ...]
+    says_network: bool
+    says_seen: bool
+
+    @property
+    def has_p(self) -> bool:
+        differences = [difference for row in self.rows for _, difference in row.cells]
+        return any(d is not None and pd.notna(d.p) for d in differences)
+
+
+def method_table(metrics: Mapping[str, pd.DataFrame]) -> MethodTable | None:
+    """The table `comparison` for reading, best generalisation first; None without that table.
+
+    Columns that are absent are left out: only `method` must be there. `<prefix>_<unit>` is a value,
+    `_se_` its standard error, `_difference_`, `_low_` and `_high_` the paired difference from the
+    full method and its interval, `<prefix>_p` its adjusted p. The floor of the Chamfer distance,
+    where the scores hold it, is a row of its own at the end.
+    """
+    table = metrics.get("comparison")
+    if table is None or table.empty:
+        return None
+    found = [m for m in _MEASURES if f"{m[0]}_{m[3]}" in table]
+    if found:
+        table = table.sort_values(f"{found[0][0]}_{found[0][3]}", kind="stable")
+    with_interval = [prefix for prefix, *_, unit in found if f"{prefix}_difference_{unit}" in table]
+    with_interval = with_interval[:_MOST_DIFFERENCES]
+    ranges = {prefix: _range(table, prefix, unit) for prefix, *_, unit in found}
+    traits = method_traits(metrics)
+    rows = [
+        MethodRow(
+            str(row["method"]),
+            "full" if row["method"] == FULL else "method",
+            *traits[str(row["method"])],
+            tuple(
+                (
+                    _value(row, prefix, unit, with_error=prefix in with_interval),
+                    _difference(row, prefix, unit, ranges[prefix])
+                    if prefix in with_interval and row["method"] != FULL
+                    else None,
+                )
+                for prefix, *_, unit in found
+            ),
+        )
+        for _, row in table.iterrows()
+    ]
+    floor = _floor(metrics, [prefix for prefix, *_ in found])
+    return MethodTable(
+        tuple(
+            Measure(
+                title,
+                f"{subtitle}, {_UNIT_TEXT[unit]}",
+                prefix in with_interval,
+                f"{ranges[prefix]:g}",
+            )
+            for prefix, title, subtitle, unit in found
+        ),
+        tuple(rows) if floor is None else (*rows, floor),
+        any(row.uses_network is not None for row in rows),
+        any(row.saw_case is not None for row in rows),
+    )
+
+
+def method_traits(
+    metrics: Mapping[str, pd.DataFrame],
+) -> dict[str, tuple[bool | None, bool | None]]:
+    """Method → (uses a network, has seen the case it is scored on); None where not known.
+
+    A column of the tables decides; without one, the network is known from the method's name.
+    """
+    traits: dict[str, tuple[bool | None, bool | None]] = {}
+    for table in metrics.values():
+        if "method" not in table:
+            continue
+        for method, rows in table.groupby("method", sort=False):
+            network, saw = traits.get(str(method), (None, None))
+            named = None if method == TRUTH else str(method) not in WITHOUT_NETWORK
+            network = _flag(rows, "uses_network", named if network is None else network)
+            traits[str(method)] = network, _flag(rows, "matching_saw_case", saw)
+    return traits
+
+
+def _flag(rows: pd.DataFrame, column: str, otherwise: bool | None) -> bool | None:
+    if column not in rows or rows[column].isna().any():
+        return otherwise
+    return bool(rows[column].astype(bool).any())
+
+
+def _value(row: pd.Series, prefix: str, unit: str, with_error: bool) -> str:
+    decimals = 2 if unit == "mm" else 1
+    if not with_error:  # such columns have room for one number
+        return text(row[f"{prefix}_{unit}"], decimals)
+    value, error = row[f"{prefix}_{unit}"], row.get(f"{prefix}_se_{unit}")
+    shown = text(value, decimals)
+    return shown if error is None or pd.isna(error) else f"{shown} ± {text(error, decimals)}"
+
+
+def _difference(row: pd.Series, prefix: str, unit: str, reach: float) -> Difference | None:
+    low, value, high = (
+        float(row.get(f"{prefix}_{part}_{unit}", float("nan")))
+        for part in ("low", "difference", "high")
+    )
+    if any(map(pd.isna, (low, value, high))):
+        return None
+    p = row.get(f"{prefix}_p")
+    at = [50 + 50 * min(max(x / reach, -1), 1) for x in (low, value, high)]
+    return Difference(low, value, high, float("nan") if p is None else float(p), *at)
+
+
+def _range(table: pd.DataFrame, prefix: str, unit: str) -> float:
+    """Half the width of the interval plot: most ends lie inside, far ones stop at the edge."""
+    parts = [
+        f"{prefix}_{part}_{unit}" for part in ("low", "high") if f"{prefix}_{part}_{unit}" in table
+    ]
+    if not parts:
+        return 1.0
+    ends = table[parts].abs().max(axis=1).dropna()
+    # A method far off would press all others on the zero line.
+    reach = min(ends.max(), 2.5 * ends[ends > 0].median()) if (ends > 0).any() else 1.0
+    return round_up(float(reach), FINE)
+
+
+def _floor(metrics: Mapping[str, pd.DataFrame], prefixes: Sequence[str]) -> MethodRow | None:
+    """What two samplings of one surface have between them: no Chamfer distance can be lower."""
+    values: dict[str, Any] = {}
+    for name in ("generalisation", "specificity"):
+        table = metrics.get(name)
+        if table is not None and "chamfer_floor_mm" in table:
+            values[f"{name}_chamfer"] = text(table["chamfer_floor_mm"].mean())
+    if not any(prefix in values for prefix in prefixes):
+        return None
+    cells = tuple((values.get(prefix, ""), None) for prefix in prefixes)
+    return MethodRow("floor of the distance", "floor", None, None, cells)

@@ -1,0 +1,101 @@
+"""The tables of the report page: which there are, in which order, under which title."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import pandas as pd
+
+from ssm_pipeline.report.content import ReportContent
+from ssm_pipeline.report.curves import distances_in, quality_curves
+from ssm_pipeline.report.headings import heading
+from ssm_pipeline.report.tables import ReadableTable, readable
+
+_TITLES = {
+    "comparison": "All distances of the comparison",
+    "comparison_95": "Each method with as many modes as hold 95 % of its own variance",
+    "fit": "Fit of each method's correspondences, mean over the cases",
+    "paper": "The numbers published, on other data",
+    "recovered_modes": "Recovered modes of the known truth",
+    "retraining": "Generalisation to cases that the matcher has not seen",
+    "truth": "Distance from the known truth",
+    "truth_mean": "Distance from the known truth, mean over the cases",
+    "labels": "Anatomical labels carried from case to case",
+    "landmarks": "Landmarks carried from case to case",
+    "interpolation": "Conformal distortion along the interpolations",
+}
+# Drawn or told elsewhere, or a row a case of what a table of means holds.
+_PLACED = {"compactness", "generalisation", "generalisation_mean", "specificity"}
+
+
+@dataclass(frozen=True)
+class PageTables:
+    """What the page shows as tables; None where the run made none. others: (title, table)."""
+
+    cohort: ReadableTable
+    correspondence: ReadableTable
+    stages: ReadableTable | None
+    generalisation: ReadableTable | None
+    specificity: ReadableTable | None
+    others: tuple[tuple[str, ReadableTable], ...]
+
+
+def page_tables(content: ReportContent) -> PageTables:
+    """Every table of the page, for reading."""
+    names = content.names
+    by_modes = {
+        name: readable(_by_modes(content, name)) if name in content.metrics else None
+        for name in ("generalisation", "specificity")
+    }
+    fits = content.correspondence.sort_values("surface_mm", ascending=False)
+    return PageTables(
+        cohort=readable(_cohort(content.cohort), names),
+        correspondence=readable(fits, names),
+        stages=_stages(content),
+        others=tuple(
+            (_TITLES.get(name, heading(name)), readable(_without_shown(table), names))
+            for name, table in content.metrics.items()
+            if name not in _PLACED and not table.empty
+        ),
+        **by_modes,
+    )
+
+
+def _without_shown(table: pd.DataFrame) -> pd.DataFrame:
+    """A comparison without the columns that the table of methods shows as bars and words."""
+    shown = re.compile(r".+_(difference|low|high)_[a-z]+|.+_p|uses_network|matching_saw_case")
+    if not any(str(name).endswith("_difference_mm") for name in table):
+        return table
+    return table[[name for name in table if not shown.fullmatch(str(name))]]
+
+
+def _cohort(cohort: pd.DataFrame) -> pd.DataFrame:
+    """Cases left out first, and the words before the numbers."""
+    if "dropped" in cohort:
+        cohort = cohort.fillna({"dropped": ""}).sort_values(
+            "dropped", key=lambda reason: reason == "", kind="stable"
+        )
+    words = [name for name in ("case_id", "dropped", "warnings") if name in cohort]
+    return cohort[[*words, *(name for name in cohort if name not in words)]]
+
+
+def _stages(content: ReportContent) -> ReadableTable | None:
+    if not content.stages:
+        return None
+    stages = pd.DataFrame([dict(stage) for stage in content.stages])
+    plain = [c for c in stages if not stages[c].map(lambda v: isinstance(v, list | dict)).any()]
+    return readable(stages[plain], keep=tuple(plain))
+
+
+def _by_modes(content: ReportContent, name: str) -> pd.DataFrame:
+    """A row a method and number of modes, every distance with its standard error."""
+    merged: pd.DataFrame | None = None
+    for distance in distances_in(content.metrics):
+        table = quality_curves(content.metrics, distance).get(name)
+        if table is None:
+            continue
+        stem, _, unit = distance.rpartition("_")
+        table = table.rename(columns={"value": distance, "se": f"{stem}_se_{unit}"})
+        merged = table if merged is None else merged.merge(table, on=["method", "modes"])
+    return pd.DataFrame() if merged is None else merged.dropna(axis=1, how="all")

@@ -1,0 +1,40 @@
+"""The cohort check's section: who is striking, in which order, with which picture."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pandas as pd
+import pytest
+
+from ssm_pipeline.report.cohort_check import STRIKING, check_cases
+
+
+def checked(content, **columns):
+    ids = list(content.aligned.case_ids)
+    table = pd.DataFrame({"case_id": ids, **columns})
+    return check_cases(dataclasses.replace(content, check=table, check_pictures={ids[2]: b"png"}))
+
+
+def test_striking_cases_come_first_with_their_reason(content):
+    scores = [0.0] * 8
+    scores[5] = -STRIKING - 0.1
+    remarks = [""] * 8
+    remarks[2] = "mirrored"
+    found = checked(content, volume_z=scores, remarks=remarks)
+    assert [case.case_id for case in found.cases[:3]] == ["blob.002", "blob.005", "blob.000"]
+    assert [case.remark for case in found.cases[:3]] == ["mirrored", "z: volume −3.6", ""]
+    assert found.striking == 2
+    assert found.cases[0].picture == "data:image/png;base64,cG5n"
+    assert found.cases[1].picture is None
+
+
+def test_without_a_check_there_is_no_section(content):
+    assert check_cases(content) is None
+    with pytest.raises(ValueError, match="cohort_check lacks column"):
+        dataclasses.replace(content, check=pd.DataFrame({"volume_z": [1.0]}))
+
+
+def test_scores_alone_and_unknown_scores_are_enough(content):
+    found = checked(content, volume_z=[float("nan")] * 8)
+    assert found.striking == 0

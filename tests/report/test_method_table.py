@@ -1,0 +1,92 @@
+"""The methods at a glance: order, traits, verdicts, tolerance of what is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_report import make_cohort
+
+from ssm_pipeline.report.method_table import method_table, method_traits
+
+
+def comparison(**columns: list) -> dict[str, pd.DataFrame]:
+    return {"comparison": pd.DataFrame({"method": ["full", "bcpd", "S3M"], **columns})}
+
+
+def differences(low: float, high: float, p: float | None = None) -> dict[str, list]:
+    found = {
+        "generalisation_surface_mm": [1.0, 1.1, 1.2],
+        "generalisation_surface_difference_mm": [0.0, (low + high) / 2, 0.2],
+        "generalisation_surface_low_mm": [0.0, low, 0.1],
+        "generalisation_surface_high_mm": [0.0, high, 0.3],
+    }
+    return found if p is None else found | {"generalisation_surface_p": [np.nan, p, 0.01]}
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "p", "verdict"),
+    [
+        (0.01, 0.1, None, "worse"),
+        (-0.1, -0.01, None, "better"),
+        (-0.01, 0.1, None, "alike"),
+        (0.01, 0.1, 0.2, "alike"),  # after Holm's correction no longer
+        (-0.1, -0.01, 0.04, "better"),
+    ],
+)
+def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict):
+    table = method_table(comparison(**differences(low, high, p)))
+    assert table is not None
+    (difference,) = [d for row in table.rows if row.method == "bcpd" for _, d in row.cells]
+    assert difference is not None
+    assert difference.verdict == verdict
+    assert difference.verdict in difference.label
+
+
+def test_places_on_the_axis_are_those_of_the_values():
+    table = method_table(comparison(**differences(0.1, 0.3)))
+    assert table is not None
+    reach = float(table.measures[0].axis)
+    (_, bcpd, _) = [row.cells[0][1] for row in table.rows]
+    assert bcpd is not None
+    assert bcpd.at_low == pytest.approx(50 + 50 * 0.1 / reach)
+    assert bcpd.at == pytest.approx(50 + 50 * 0.2 / reach)
+    assert bcpd.at_high == pytest.approx(50 + 50 * 0.3 / reach)
+
+
+def test_best_generalisation_comes_first():
+    table = method_table(comparison(generalisation_surface_mm=[1.2, 1.0, 1.1]))
+    assert table is not None
+    assert [row.method for row in table.rows] == ["bcpd", "S3M", "full"]
+    assert not table.measures[0].has_difference
+
+
+def test_a_comparison_of_names_alone_is_shown():
+    table = method_table(comparison())
+    assert table is not None
+    assert [row.cells for row in table.rows] == [(), (), ()]
+    assert method_table({}) is None
+
+
+def test_traits_come_from_the_tables_and_else_from_the_names():
+    scores = pd.DataFrame(
+        {"method": ["full", "full", "adaptation only"], "matching_saw_case": [True, True, False]}
+    )
+    assert method_traits({"generalisation": scores, **comparison()}) == {
+        "full": (True, True),
+        "adaptation only": (False, False),
+        "bcpd": (True, None),
+        "S3M": (True, None),
+    }
+    told = comparison(uses_network=[True, False, True])
+    assert method_traits(told)["bcpd"] == (False, None)
+
+
+def test_the_floor_of_the_chamfer_distance_is_a_row():
+    table = method_table(make_cohort(60, 6).metrics)
+    assert table is not None
+    floor = table.rows[-1]
+    assert floor.kind == "floor"
+    shown = dict(zip([m.subtitle for m in table.measures], floor.cells, strict=True))
+    assert shown["Chamfer, mm"] == ("1.93", None)
+    assert shown["surface distance, mm"] == ("", None)
