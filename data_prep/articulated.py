@@ -73,7 +73,7 @@ def articulated_figure(settings: ArticulatedSettings, index: int) -> Figure:
             f"figure {index}: in none of {_ATTEMPTS} poses its limbs keep {CONTACT_MM:g} mm apart. "
             f"Choose another seed than {settings.seed}."
         )
-    case_id = f"person{number:02d}-pose{index:03d}"
+    case_id = f"figure{index:03d}-person{number:02d}"  # in order, by name as well
     count = round(settings.vertices * generator.uniform(0.9, 1.1))
     mesh = remeshed(renumbered(Mesh(surface, rest_body()[1], case_id), generator), count)
     points = surface[template_vertices(settings.template_vertices)]

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import pymeshlab
 from numpy.typing import ArrayLike
-from skimage.measure import marching_cubes
+
+from ssm_pipeline.meshing.isosurface import isosurface
+from ssm_pipeline.meshing.smooth_field import SmoothField
 
 _BLEND_MM = 12.0  # edges between parts are rounded at about this radius
 _CELL_MM = 9.0  # of the grid on which the surface is found
@@ -159,10 +161,10 @@ def rest_body() -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([[part.start, part.end] for part in PARTS])
     low, high = points.min(axis=0) - 150, points.max(axis=0) + 150
     axes = [np.arange(a, b, _CELL_MM) for a, b in zip(low, high, strict=True)]
-    values = _grid_values(axes)
-    vertices, faces, _, _ = marching_cubes(values, 0.0, spacing=(_CELL_MM,) * 3)
+    inside = np.ascontiguousarray(-_grid_values(axes).T)
+    surface = isosurface(SmoothField(inside, _CELL_MM, low, np.eye(3), level=0.0), "reference body")
     meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(vertices + low, faces))
+    meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces))
     meshes.meshing_isotropic_explicit_remeshing(
         targetlen=pymeshlab.PureValue(_EDGE_MM), iterations=8, featuredeg=180, checksurfdist=False
     )

@@ -193,7 +193,7 @@ def test_training_shapes_come_first_and_a_new_person_is_tested() -> None:
     shapes = articulated_figures(NEAR)
     assert len(shapes.meshes) == 5
     assert len({len(vertices) for vertices in shapes.template_to_shape}) == 1
-    persons = [mesh.case_id.split("-")[0] for mesh in shapes.meshes]
+    persons = [mesh.case_id.split("-")[1] for mesh in shapes.meshes]
     trained = {persons[index] for index in NEAR.training_range}
     tested = [persons[index] for index in NEAR.test_range]
     assert tested[0] in trained
