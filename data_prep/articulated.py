@@ -30,7 +30,7 @@ _ATTEMPTS_A_STANCE = 25  # not one, or stances that touch more easily would be r
 _BODY, _POSE = 0, 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Figure:
     """mesh: remeshed; template_to_shape (R,) int: its vertices nearest to the true points;
     points (R, 3) mm: where the template's points truly lie; surface (V, 3): the reference body's

@@ -25,7 +25,7 @@ _LEG = np.array([0.2, 0.0, -0.98])
 _FORWARD = np.array([0.0, -1.0, 0.0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bone:
     """joint (3,) where it turns against its parent; end (3,): with the joint, its direction."""
 
@@ -35,7 +35,7 @@ class Bone:
     end: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """A cone with round ends, of radius radii[0] at start and radii[1] at end.
 

@@ -16,7 +16,7 @@ from data_prep.articulated_body import BONE_INDEX, BONES, PARTS, Bone, part_dist
 _SPREAD = 0.6  # of the limb's radius: how far a weight reaches over a joint
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Build:
     """A person: lengths and girths (B,), one factor a bone, and the belly, mm forward."""
 
@@ -25,7 +25,7 @@ class Build:
     belly_mm: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Person:
     """vertices (V, 3) mm at rest; joints (B, 3) mm."""
 

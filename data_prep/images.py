@@ -14,7 +14,7 @@ from ssm_pipeline.records import CaseError, Mask
 MIN_VOXELS = 64  # a 4 × 4 × 4 block: less is no surface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LabelImage:
     """labels (Z, Y, X), any number type; spacing_mm (3,), origin_mm (3,), direction (3, 3) LPS."""
 

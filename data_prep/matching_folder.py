@@ -21,7 +21,7 @@ from ssm_pipeline.records import CaseError, Mesh, StudyError
 from ssm_pipeline.storage import write_text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MatchingSet:
     """meshes; per mesh, template_to_shape (R,) int from 0: the vertex of that mesh which
     corresponds to each template vertex. Within one set (of DT4D-H: one category) R is the same."""

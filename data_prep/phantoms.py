@@ -22,7 +22,8 @@ from data_prep import luna16
 from data_prep.phantom_lung import CENTRE, mean_lung, mode_fields
 from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline import storage
-from ssm_pipeline.records import Cohort, Frame, PhantomTruth, StudyError
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import Cohort, PhantomTruth, StudyError
 
 GENERATOR_VERSION = 1  # raise it when the same settings give other phantoms
 MAX_SCORE_NORM = 4.0  # scores beyond are drawn again; up to here no surface can meet itself
@@ -152,14 +153,14 @@ def _draw_scores(generator: np.random.Generator, count: int) -> np.ndarray:
             return scores
 
 
-def _draw_frame(generator: np.random.Generator, settings: PhantomSettings) -> Frame:
+def _draw_frame(generator: np.random.Generator, settings: PhantomSettings) -> Similarity:
     """A turn of the patient about the midpoint between the lungs, and a shift."""
     axis = generator.standard_normal(3)
     angle = turn_angle(generator.random(), np.radians(settings.max_rotation_deg))
     rotation = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
     shift = settings.translation_mm * generator.standard_normal(3)
     pivot = CENTRE * [0, 1, 1]
-    return Frame(1.0, rotation, pivot - rotation @ pivot + shift)
+    return Similarity(1.0, rotation, pivot - rotation @ pivot + shift)
 
 
 def turn_angle(share: float, largest: float) -> float:

@@ -5,13 +5,16 @@ World space is LPS (left, posterior, superior), in millimetres, everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import scipy.sparse as sp
+
+from ssm_pipeline.geometry.barycentric import interpolated
+from ssm_pipeline.geometry.similarity import Similarity
 
 
 class CaseError(ValueError):
@@ -44,7 +47,7 @@ class DamagedFile(StudyError):
         return type(self), (self.path, self.found)  # survives worker processes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mask:
     """A binary segmentation in patient space.
 
@@ -102,7 +105,7 @@ class Dropped:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cohort:
     """The cases of a study. `truth` is set for synthetic cohorts only."""
 
@@ -116,7 +119,7 @@ class Cohort:
         return self.truth is not None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PhantomTruth:
     """Exact correspondences and modes of a synthetic cohort.
 
@@ -133,10 +136,10 @@ class PhantomTruth:
     modes: np.ndarray
     scores: np.ndarray
     case_ids: tuple[str, ...]
-    frames: tuple[Frame, ...]
+    frames: tuple[Similarity, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh: vertices (V, 3) float64 mm LPS, faces (F, 3) int64, outward oriented."""
 
@@ -145,8 +148,8 @@ class Mesh:
     case_id: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", np.asarray(self.vertices, dtype=np.float64))
-        object.__setattr__(self, "faces", np.asarray(self.faces, dtype=np.int64))
+        object.__setattr__(self, "vertices", _read_only(self.vertices, np.float64))
+        object.__setattr__(self, "faces", _read_only(self.faces, np.int64))
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3:
             raise CaseError(self.case_id, f"vertices have shape {self.vertices.shape}, not (V, 3)")
         if self.faces.ndim != 2 or self.faces.shape[1] != 3:
@@ -157,28 +160,7 @@ class Mesh:
             raise CaseError(self.case_id, "the mesh has faces that name missing vertices")
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A similarity: outer = scale · R · inner + t. Used for unit-area ↔ mm and for alignment."""
-
-    scale: float
-    rotation: np.ndarray
-    translation: np.ndarray
-
-    @staticmethod
-    def identity() -> Frame:
-        return Frame(1.0, np.eye(3), np.zeros(3))
-
-    def apply(self, points: np.ndarray) -> np.ndarray:
-        """(…, 3) → (…, 3)."""
-        return self.scale * points @ self.rotation.T + self.translation
-
-    def inverse(self) -> Frame:
-        rotation = self.rotation.T
-        return Frame(1 / self.scale, rotation, -(rotation @ self.translation) / self.scale)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SpectralBasis:
     """Laplacian eigenpairs and operators of one mesh, centred and scaled to unit area.
 
@@ -196,10 +178,10 @@ class SpectralBasis:
     stiffness: sp.csr_matrix
     gradient_x: sp.csr_matrix
     gradient_y: sp.csr_matrix
-    frame: Frame
+    frame: Similarity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Correspondence:
     """Template vertex → point on a case's surface.
 
@@ -217,11 +199,10 @@ class Correspondence:
 
     def points_on(self, case: Mesh) -> np.ndarray:
         """(V_t, 3) mm: the matched points on the case's surface."""
-        corners = case.vertices[case.faces[self.case_faces]]
-        return np.einsum("vc,vcd->vd", self.barycentric, corners)
+        return interpolated(case.vertices, case.faces[self.case_faces], self.barycentric)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShapePath:
     """The two-parameter family X(t, t_s) = X(t) + t_s Δ_s(t), on the template's faces.
 
@@ -247,9 +228,18 @@ class ShapePath:
         return pose + t_s * offset
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CorrespondedShapes:
-    """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids."""
+    """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids. Read-only.
+
+    >>> triangle = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
+    >>> vertices = np.stack([triangle, 2 * triangle, 3 * triangle])
+    >>> shapes = CorrespondedShapes(vertices, np.array([[0, 1, 2]]), ("a", "b", "c"), "b")
+    >>> shapes.template[1]
+    array([6., 0., 0.])
+    >>> shapes.subset([0, 2]).case_ids
+    ('a', 'c')
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -257,15 +247,36 @@ class CorrespondedShapes:
     template_id: str
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", _read_only(self.vertices, np.float64))
+        object.__setattr__(self, "faces", _read_only(self.faces, np.int64))
         if self.vertices.ndim != 3 or len(self.vertices) != len(self.case_ids):
             raise ValueError(
                 f"vertices have shape {self.vertices.shape} for {len(self.case_ids)} cases; "
                 "(N, V, 3) is needed"
             )
 
+    @property
+    def template(self) -> np.ndarray:
+        """(V, 3) mm: the template's own shape; the first case's where the template is left out."""
+        in_cohort = self.template_id in self.case_ids
+        return self.vertices[self.case_ids.index(self.template_id) if in_cohort else 0]
 
-@dataclass(frozen=True)
+    def subset(self, indices: Sequence[int] | np.ndarray) -> CorrespondedShapes:
+        """The cases at these places, in this order, on the same template."""
+        chosen = np.asarray(indices, dtype=np.int64)
+        case_ids = tuple(self.case_ids[index] for index in chosen)
+        return CorrespondedShapes(self.vertices[chosen], self.faces, case_ids, self.template_id)
+
+
+@dataclass(frozen=True, eq=False)
 class Metrics:
     """Tidy tables by name, units in the column names."""
 
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+
+
+def _read_only(array: np.ndarray, kind: type) -> np.ndarray:
+    """A view that can't be written to; no copy. The caller's own array stays as it is."""
+    view: np.ndarray = np.asarray(array, dtype=kind).view()
+    view.flags.writeable = False
+    return view

@@ -22,7 +22,8 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from ssm_pipeline.records import DamagedFile, Frame, Metrics, StudyError
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import DamagedFile, Metrics, StudyError
 
 FORMAT_VERSION = 1
 Record = TypeVar("Record")
@@ -140,7 +141,7 @@ def save(record: Any, path: Path) -> None:
 def load(kind: type[Record], path: Path) -> Record:
     """Read a record of the given class. Raises DamagedFile if the file does not hold a whole one.
 
-    >>> load(Frame, Path("runs/none.npz"))
+    >>> load(Similarity, Path("runs/none.npz"))
     Traceback (most recent call last):
     ssm_pipeline.records.DamagedFile: runs/none.npz is missing. If a run made it, ...
     """
@@ -202,7 +203,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def _to_json(value: Any) -> Any:
-    if isinstance(value, Frame):
+    if isinstance(value, Similarity):
         return {
             "frame": [value.scale, value.rotation.tolist(), value.translation.tolist()],
         }
@@ -216,7 +217,7 @@ def _to_json(value: Any) -> Any:
 def _from_json(value: Any) -> Any:
     if isinstance(value, dict) and "frame" in value:
         scale, rotation, translation = value["frame"]
-        return Frame(scale, np.array(rotation), np.array(translation))
+        return Similarity(scale, np.array(rotation), np.array(translation))
     if isinstance(value, dict) and "tuple" in value:
         return tuple(_from_json(item) for item in value["tuple"])
     return value

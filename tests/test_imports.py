@@ -11,11 +11,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ROOMS = (
+    "geometry",
     "records",
     "settings",
     "methods",
     "storage",
-    "geometry",
     "meshing",
     "spectral",
     "matching",
@@ -28,8 +28,8 @@ ROOMS = (
     "export",
     "report",
     "data_prep",
-    "study",
     "engine",
+    "study",
     "stages",
     "commands",
     "cli",

@@ -14,7 +14,8 @@ import pytest
 import scipy.sparse as sp
 
 from ssm_pipeline import storage
-from ssm_pipeline.records import DamagedFile, Frame, Mesh, Metrics, SpectralBasis, StudyError
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import DamagedFile, Mesh, Metrics, SpectralBasis, StudyError
 
 TRIANGLE = Mesh(np.eye(3), np.array([[0, 1, 2]]), "007")
 SPARSE = sp.csr_matrix(np.diag([1.0, 2.0, 3.0]))
@@ -28,7 +29,7 @@ BASIS = SpectralBasis(
     stiffness=SPARSE,
     gradient_x=SPARSE,
     gradient_y=SPARSE,
-    frame=Frame(2.0, np.eye(3), np.arange(3.0)),
+    frame=Similarity(2.0, np.eye(3), np.arange(3.0)),
 )
 
 
@@ -75,7 +76,7 @@ def test_a_missing_file_and_one_of_another_kind_are_damaged_files(written: Path)
 def test_a_sparse_matrix_that_names_missing_columns_is_refused(tmp_path: Path):
     broken = SPARSE.copy()
     broken.indices = np.array([0, 1, 99], dtype=np.int32)
-    storage.save(Frame.identity(), tmp_path / "frame.npz")
+    storage.save(Similarity.identity(), tmp_path / "frame.npz")
     content = {**BASIS.__dict__, "stiffness": broken}
     storage.save(SpectralBasis(**content), tmp_path / "basis.npz")
     with pytest.raises(DamagedFile):

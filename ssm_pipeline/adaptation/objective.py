@@ -11,7 +11,7 @@ from pykdtree.kdtree import KDTree
 from ssm_pipeline.geometry.surface import face_normals, sample_surface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Nearest:
     """The nearest samples both ways: of Y for each of X (S,), of X for each of Y (S,), with
     squared distances."""

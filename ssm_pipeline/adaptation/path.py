@@ -9,7 +9,8 @@ import numpy as np
 from ssm_pipeline.adaptation.adapt import adapt
 from ssm_pipeline.adaptation.pose import CoarsePair, pose_path
 from ssm_pipeline.adaptation.settings import AdaptationSettings
-from ssm_pipeline.records import Frame, ShapePath, SpectralBasis
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import ShapePath, SpectralBasis
 from ssm_pipeline.training.matcher import Matcher
 
 
@@ -39,7 +40,7 @@ def shape_path(
     start, end = template.frame, case.frame
     scale = (1 - times) * start.scale + times * end.scale
     shift = (1 - times)[:, None] * start.translation + times[:, None] * end.translation
-    frames = [Frame(float(s), np.eye(3), move) for s, move in zip(scale, shift, strict=True)]
+    frames = [Similarity(float(s), np.eye(3), move) for s, move in zip(scale, shift, strict=True)]
     return ShapePath(
         template_id=template.case_id,
         case_id=case.case_id,

@@ -64,8 +64,7 @@ def _write(run: Run, folder: Path, formats: Sequence[str], names: dict[str, str]
     if "ply" in formats:
         from ssm_pipeline.export.meshes import write_meshes
 
-        template = run.shapes.vertices[run.shapes.case_ids.index(run.template_id)]
-        written += write_meshes(model, template, folder / "meshes")
+        written += write_meshes(model, run.shapes.template, folder / "meshes")
     if "vtp" in formats:
         from ssm_pipeline.export.vtp import write_vtp
 

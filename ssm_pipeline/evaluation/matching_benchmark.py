@@ -22,7 +22,7 @@ Predict = Callable[[Mesh, Mesh], np.ndarray]  # (x, y) → y_to_x (V_y,) int
 Geodesics = Callable[[Mesh], np.ndarray]  # (V, V), the mesh's unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MatchingBenchmark:
     """summary  one row, comparable to a column of the papers' tables: benchmark, method, shapes,
              pairs, mean_geodesic_error_x100 (over √area), standard_error_x100 (over the pairs),

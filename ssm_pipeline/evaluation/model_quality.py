@@ -14,9 +14,10 @@ import pandas as pd
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, surface_distance
-from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.geometry.rigid import best_similarity
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import sample_points
-from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh, StudyError
+from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.shape_model.pca import build
@@ -34,7 +35,7 @@ def compactness(model: ShapeModel) -> pd.DataFrame:
 
 
 def move_meshes(
-    meshes: Sequence[Mesh], case_ids: Sequence[str], frames: Sequence[Frame]
+    meshes: Sequence[Mesh], case_ids: Sequence[str], frames: Sequence[Similarity]
 ) -> list[Mesh]:
     """The cases' original meshes in the model's frame, in the order of `case_ids`.
 
@@ -201,21 +202,16 @@ def _reconstruction_errors(
 
 def _model_without(
     aligned: CorrespondedShapes, held_out: np.ndarray, with_scale: bool
-) -> tuple[ShapeModel, list[Frame]]:
+) -> tuple[ShapeModel, list[Similarity]]:
     """The model of the other cases, and for each held-out case its frame onto that model."""
     kept = np.setdiff1d(np.arange(len(aligned.case_ids)), held_out)
-    others = CorrespondedShapes(
-        aligned.vertices[kept],
-        aligned.faces,
-        tuple(aligned.case_ids[case] for case in kept),
-        aligned.template_id,
-    )
-    model = build(align(others, with_scale=with_scale)[0])
+    model = build(align(aligned.subset(kept), with_scale=with_scale)[0])
     frames = [
-        best_frame(aligned.vertices[case], model.mean, with_scale=with_scale) for case in held_out
+        best_similarity(aligned.vertices[case], model.mean, with_scale=with_scale)
+        for case in held_out
     ]
     return model, frames
 
 
-def _moved(mesh: Mesh, frame: Frame) -> Mesh:
+def _moved(mesh: Mesh, frame: Similarity) -> Mesh:
     return dataclasses.replace(mesh, vertices=frame.apply(mesh.vertices))

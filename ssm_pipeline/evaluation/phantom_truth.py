@@ -9,7 +9,7 @@ from scipy.linalg import orth, subspace_angles
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import ClosestPoints, closest_points
 from ssm_pipeline.geometry.geodesics import geodesics_between
-from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.records import CorrespondedShapes, Mesh, PhantomTruth, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel
@@ -100,7 +100,7 @@ def recovered_modes(
     mean = _carried(reference, truth.mean[None], truth.faces)[0]
     displaced = _carried(reference, truth.modes, truth.faces)
     count = min(len(truth.modes), model.mode_count, floor.mode_count)
-    frame = {id(which): best_frame(mean, which.mean) for which in (model, floor)}
+    frame = {id(which): best_similarity(mean, which.mean) for which in (model, floor)}
     angles = {}
     for name, which in (("angle_degrees", model), ("floor_angle_degrees", floor)):
         true_modes = displaced @ frame[id(which)].rotation.T

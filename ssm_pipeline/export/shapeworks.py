@@ -9,10 +9,11 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.export.meshes import write_ply
-from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh
 
 
-def matrix_of(frame: Frame) -> np.ndarray:
+def matrix_of(frame: Similarity) -> np.ndarray:
     """(4, 4) of a frame, for columns (x, y, z, 1)."""
     matrix = np.eye(4)
     matrix[:3, :3] = frame.scale * frame.rotation
@@ -21,7 +22,7 @@ def matrix_of(frame: Frame) -> np.ndarray:
 
 
 def write_project(
-    shapes: CorrespondedShapes, frames: Sequence[Frame], meshes: Sequence[Mesh], path: Path
+    shapes: CorrespondedShapes, frames: Sequence[Similarity], meshes: Sequence[Mesh], path: Path
 ) -> list[Path]:
     """The project, and beside it surfaces/<case>.ply and particles/<case>_{local,world}.particles.
 

@@ -8,7 +8,7 @@ import igl
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosestPoints:
     """points (Q, 3); faces (Q,) int; barycentric (Q, 3); distances (Q,), the mesh's unit."""
 

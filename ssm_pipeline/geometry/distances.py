@@ -9,7 +9,7 @@ import numpy as np
 from pykdtree.kdtree import KDTree
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointTarget:
     """Points (P, 3) float32 with their k-d tree, built once and asked many times.
 
@@ -32,7 +32,7 @@ class PointTarget:
         return distances
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SurfaceTarget:
     """A mesh with the bounding-box tree of its triangles, built once and asked many times."""
 

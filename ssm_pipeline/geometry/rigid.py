@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ssm_pipeline.records import Frame
+from ssm_pipeline.geometry.similarity import Similarity
 
 
-def best_frame(
+def best_similarity(
     source: np.ndarray,
     target: np.ndarray,
     weights: np.ndarray | None = None,
     with_scale: bool = False,
-) -> Frame:
+) -> Similarity:
     """The rigid (or similarity) motion that takes source (V, 3) closest to target (V, 3).
 
     Least squares in closed form, rotation with determinant +1. Source: Umeyama 1991.
@@ -25,23 +25,23 @@ def best_frame(
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
     rotation = (U * signs) @ Vt
     scale = (S @ signs) / (w @ (source_c**2).sum(axis=1)) if with_scale else 1.0
-    return Frame(float(scale), rotation, target_mean - scale * rotation @ source_mean)
+    return Similarity(float(scale), rotation, target_mean - scale * rotation @ source_mean)
 
 
 def iterative_closest_point(
     source: np.ndarray,
     target: np.ndarray,
-    start: Frame | None = None,
+    start: Similarity | None = None,
     steps: int = 60,
     tolerance: float = 1e-6,
     with_scale: bool = False,
-) -> Frame:
+) -> Similarity:
     """Rigid motion of source (S, 3) onto target (Q, 3), both evenly sampled surfaces.
 
     Starts with the centroids on each other unless `start` is given; matches both ways, so that
     neither surface can hide in the other. Source: Besl and McKay 1992.
     """
-    frame = start or Frame(1.0, np.eye(3), target.mean(axis=0) - source.mean(axis=0))
+    frame = start or Similarity(1.0, np.eye(3), target.mean(axis=0) - source.mean(axis=0))
     target_tree = cKDTree(target)
     previous = np.inf
     for _ in range(steps):
@@ -52,7 +52,7 @@ def iterative_closest_point(
         if previous - error <= tolerance * error:
             break
         previous = error
-        frame = best_frame(
+        frame = best_similarity(
             np.concatenate([source, source[nearest_source]]),
             np.concatenate([target[nearest_target], target]),
             with_scale=with_scale,

@@ -14,7 +14,7 @@ from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """Tensors of one shape, unit area: vertices (V, 3), mass (V,), eigenvalues (K,),
     eigenvectors Φ (V, K), projection Φ† = ΦᵀA (K, V), inputs (V, D) of the feature network,

@@ -12,7 +12,7 @@ from ssm_pipeline.matching.shape import Shape
 from ssm_pipeline.matching.soft_map import soft_maps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PairMaps:
     """What matching says of a pair: C_xy, C_yx (K, K); the other shape's coordinates carried
     over, y_on_x = Π_xy Y (n_x, 3) and x_on_y = Π_yx X; and the same maps written in the bases,

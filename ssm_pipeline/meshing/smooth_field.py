@@ -14,7 +14,7 @@ from ssm_pipeline.records import CaseError, Mask
 _MAX_POINTS = 3e8  # 1.2 GB of float32
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SmoothField:
     """values (Z, Y, X) float32 in [0, 1]: the share of organ under the Gaussian at each point.
 

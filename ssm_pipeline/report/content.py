@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh, ShapePath
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
 from ssm_pipeline.report.case_names import short_names
 from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model.model import ShapeModel
@@ -21,7 +22,7 @@ _NEEDED_COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReportContent:
     """One study's results, as the report stage hands them over.
 
@@ -51,7 +52,7 @@ class ReportContent:
     is_synthetic: bool
     model: ShapeModel
     aligned: CorrespondedShapes
-    frames: tuple[Frame, ...]
+    frames: tuple[Similarity, ...]
     meshes: tuple[Mesh, ...]
     paths: tuple[ShapePath, ...]
     correspondence: pd.DataFrame

@@ -12,7 +12,7 @@ from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Landmarks:
     """names (L,); positions (L, 3) mm LPS in the template's own space."""
 

@@ -13,7 +13,7 @@ from ssm_pipeline.geometry.surface import vertex_normals
 BONE = "#d9cbb4"  # neutral surface colour, light enough for shading to show
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A shape to draw: vertices (V, 3) mm LPS, faces (F, 3), and what to paint on it.
 

@@ -6,13 +6,14 @@ import dataclasses
 
 import numpy as np
 
-from ssm_pipeline.geometry.rigid import best_frame
-from ssm_pipeline.records import CorrespondedShapes, Frame
+from ssm_pipeline.geometry.rigid import best_similarity
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes
 
 
 def align(
     shapes: CorrespondedShapes, with_scale: bool = False, tolerance: float = 1e-10
-) -> tuple[CorrespondedShapes, tuple[Frame, ...]]:
+) -> tuple[CorrespondedShapes, tuple[Similarity, ...]]:
     """Remove each shape's pose (and size, if asked) by turning all onto their common mean.
 
     The mean keeps the template's orientation, so "up" stays up, and is centred at the origin.
@@ -20,18 +21,15 @@ def align(
     Source: Gower 1975; Dryden and Mardia 1998, ch. 4.
     """
     points = shapes.vertices
-    template = (
-        shapes.case_ids.index(shapes.template_id) if (shapes.template_id in shapes.case_ids) else 0
-    )
-    reference = points[template] - points[template].mean(axis=0)
+    reference = shapes.template - shapes.template.mean(axis=0)
     mean, size = reference, np.linalg.norm(reference)
     for _ in range(100):
-        frames = [best_frame(shape, mean, with_scale=with_scale) for shape in points]
+        frames = [best_similarity(shape, mean, with_scale=with_scale) for shape in points]
         aligned = np.stack([f.apply(shape) for f, shape in zip(frames, points, strict=True)])
         new = aligned.mean(axis=0)
         if with_scale:  # or all shapes would shrink to a point together
             new *= size / np.linalg.norm(new)
-        new = best_frame(new, reference).apply(new)
+        new = best_similarity(new, reference).apply(new)
         change = np.linalg.norm(new - mean) / size
         mean = new
         if change < tolerance:

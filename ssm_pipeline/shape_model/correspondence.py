@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,10 +19,11 @@ def collect(
     itself by its own vertices.
     """
     shapes = points_on_cases(correspondences, meshes, template.faces)
-    for case_id, points in zip(shapes.case_ids, shapes.vertices, strict=True):
+    vertices = np.array(shapes.vertices)
+    for index, case_id in enumerate(shapes.case_ids):
         if case_id == template.case_id:
-            points[:] = template.vertices
-    return shapes
+            vertices[index] = template.vertices
+    return dataclasses.replace(shapes, vertices=vertices)
 
 
 def points_on_cases(

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.geometry.rigid import best_frame, iterative_closest_point
+from ssm_pipeline.geometry.rigid import best_similarity, iterative_closest_point
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import sample_points
-from ssm_pipeline.records import Frame, Mesh
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """scores (M,) standard deviations; vertices (V, 3) mm: the model's instance, in the surface's
     own space; frame: model space → the surface's; distances_mm (V,) instance → surface.
@@ -21,7 +22,7 @@ class Fit:
 
     scores: np.ndarray
     vertices: np.ndarray
-    frame: Frame
+    frame: Similarity
     distances_mm: np.ndarray
 
 
@@ -51,7 +52,7 @@ def fit(
     instance, scores = model.mean, np.zeros(model.mode_count)
     for _ in range(steps):
         found = closest_points(frame.apply(instance), surface.vertices, surface.faces).points
-        frame = best_frame(instance, found)
+        frame = best_similarity(instance, found)
         offset = (frame.inverse().apply(found) - model.mean).ravel()
         new = shrink * (modes @ offset) / model.standard_deviations
         change = np.abs(new - scores).max()

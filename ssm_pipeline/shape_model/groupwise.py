@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
@@ -49,12 +48,7 @@ def placed_means(
     Source: the unbiased atlas of Joshi et al. 2004, on surfaces.
     """
     kept = [i for i, case in enumerate(shapes.case_ids) if mean_of is None or case in mean_of]
-    chosen = dataclasses.replace(
-        shapes,
-        vertices=shapes.vertices[kept],
-        case_ids=tuple(shapes.case_ids[i] for i in kept),
-    )
-    mean = align(chosen)[0].vertices.mean(axis=0)
+    mean = align(shapes.subset(kept))[0].vertices.mean(axis=0)
     with_one = np.column_stack([mean, np.ones(len(mean))])
     return {
         case_id: with_one @ np.linalg.lstsq(with_one, points, rcond=None)[0]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.topology import submesh_faces
-from ssm_pipeline.records import Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ class ShapeModel:
             case_ids=(),
         )
 
-    def transform(self, frame: Frame) -> ShapeModel:
+    def transform(self, frame: Similarity) -> ShapeModel:
         """The same model in another frame; a scale scales the standard deviations."""
         return dataclasses.replace(
             self,

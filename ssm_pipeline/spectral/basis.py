@@ -8,7 +8,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from ssm_pipeline.geometry import surface
-from ssm_pipeline.records import CaseError, Frame, Mesh, SpectralBasis
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CaseError, Mesh, SpectralBasis
 from ssm_pipeline.spectral.gradients import gradient_operators
 from ssm_pipeline.spectral.settings import SpectralSettings
 
@@ -26,7 +27,7 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings) -> SpectralBasis:
             f"the mesh has {len(mesh.vertices)} vertices; at least {2 * count} are needed for "
             f"{count} eigenpairs. Ask for more faces (meshing.faces) or fewer spectral.eigenpairs.",
         )
-    frame = Frame(
+    frame = Similarity(
         float(np.sqrt(surface.area(mesh.vertices, mesh.faces))),
         np.eye(3),
         surface.centroid(mesh.vertices, mesh.faces),

@@ -114,5 +114,4 @@ def _write_scores(
 
 def _template_of(shapes: CorrespondedShapes) -> Mesh:
     """The template as matched: its own points, which groupwise rounds and S3M choose themselves."""
-    own = shapes.vertices[shapes.case_ids.index(shapes.template_id)]
-    return Mesh(own, shapes.faces, shapes.template_id)
+    return Mesh(shapes.template, shapes.faces, shapes.template_id)

@@ -40,7 +40,7 @@ def landmarks_on_template(path: Path, run: Run) -> Landmarks:
             f"landmarks can't be carried over: the template {template_id} is not in the model. "
             "Name another template, or leave report.landmarks out."
         )
-    template = shapes.vertices[shapes.case_ids.index(template_id)]
+    template = shapes.template
     distances = closest_points(landmarks.positions, template, shapes.faces).distances
     farthest = FARTHEST_SHARE * float(np.linalg.norm(np.ptp(template, axis=0)))
     worst = int(distances.argmax())

@@ -12,11 +12,11 @@ import yaml
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import (
     CorrespondedShapes,
     Correspondence,
     Dropped,
-    Frame,
     Mesh,
     Metrics,
     ShapePath,
@@ -30,7 +30,7 @@ class Frames:
     """Per case, the frame from its own millimetres to the model's."""
 
     case_ids: tuple[str, ...]
-    frames: tuple[Frame, ...]
+    frames: tuple[Similarity, ...]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Run:
         return storage.load(CorrespondedShapes, self._file("shape_model", "aligned.npz"))
 
     @property
-    def frames(self) -> dict[str, Frame]:
+    def frames(self) -> dict[str, Similarity]:
         """Case → frame from its own millimetres to the model's."""
         stored = storage.load(Frames, self._file("shape_model", "frames.npz"))
         return dict(zip(stored.case_ids, stored.frames, strict=True))

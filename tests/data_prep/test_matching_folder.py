@@ -10,8 +10,9 @@ import trimesh
 
 from data_prep.matching_folder import read_matching_folder, read_off, write_matching_folder
 from data_prep.remeshed_phantoms import remeshed_phantoms
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import volume
-from ssm_pipeline.records import CaseError, Frame, Mesh, PhantomTruth, StudyError
+from ssm_pipeline.records import CaseError, Mesh, PhantomTruth, StudyError
 
 TETRAHEDRON = "OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
@@ -103,7 +104,7 @@ def ellipsoids() -> PhantomTruth:
     vertices = ball.vertices * axes[:, None]
     return PhantomTruth(
         vertices, ball.faces, vertices.mean(axis=0), np.zeros((1, *ball.vertices.shape)),
-        np.zeros((2, 1)), ("a", "b"), (Frame.identity(),) * 2,
+        np.zeros((2, 1)), ("a", "b"), (Similarity.identity(),) * 2,
     )  # fmt: skip
 
 

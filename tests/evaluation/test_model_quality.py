@@ -13,7 +13,7 @@ from ssm_pipeline.evaluation.model_quality import (
     move_meshes,
 )
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
-from ssm_pipeline.geometry.rigid import best_frame
+from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
@@ -73,7 +73,7 @@ def test_leave_one_out_equals_a_loop_written_out():
         mean = others.mean(axis=0)
         flat = (others - mean).reshape(5, -1)
         _, _, axes = np.linalg.svd(flat)
-        shape = best_frame(aligned.vertices[case], mean).apply(aligned.vertices[case])
+        shape = best_similarity(aligned.vertices[case], mean).apply(aligned.vertices[case])
         for modes in range(1, 5):
             basis = axes[:modes]
             rebuilt = mean + ((shape - mean).ravel() @ basis.T @ basis).reshape(mean.shape)

@@ -9,7 +9,8 @@ from ssm_pipeline.evaluation.phantom_truth import (
     recovered_modes,
     true_correspondence,
 )
-from ssm_pipeline.records import Frame, Mesh, PhantomTruth, StudyError
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import Mesh, PhantomTruth, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
 
@@ -33,7 +34,7 @@ def phantom(amplitudes: tuple[float, ...], count: int = 8) -> PhantomTruth:
     mean = 50 * directions
     shapes = mean + np.tensordot(scores, modes, axes=1)
     frames = tuple(
-        Frame(1.0, rotation(generator.normal(size=3), 0.3), generator.normal(size=3) * 20)
+        Similarity(1.0, rotation(generator.normal(size=3), 0.3), generator.normal(size=3) * 20)
         for _ in range(count)
     )
     vertices = np.stack([f.apply(s) for f, s in zip(frames, shapes, strict=True)])

@@ -8,7 +8,8 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.shape_model.pca import build
@@ -18,7 +19,7 @@ from ssm_pipeline.shape_model.pca import build
 class Spheres:
     shapes: CorrespondedShapes
     aligned: CorrespondedShapes
-    frames: tuple[Frame, ...]
+    frames: tuple[Similarity, ...]
     meshes: tuple[Mesh, ...]
     model: ShapeModel
 
@@ -28,7 +29,7 @@ def posed_spheres() -> Spheres:
     generator = np.random.default_rng(0)
     stretched = np.asarray(sphere.vertices) * (1 + 0.1 * generator.standard_normal((6, 1, 3)))
     poses = [
-        Frame(1.0, Rotation.from_rotvec(0.3 * turn).as_matrix(), 100 * shift)
+        Similarity(1.0, Rotation.from_rotvec(0.3 * turn).as_matrix(), 100 * shift)
         for turn, shift in zip(*generator.standard_normal((2, 6, 3)), strict=True)
     ]
     points = np.stack([pose.apply(shape) for pose, shape in zip(poses, stretched, strict=True)])

@@ -6,12 +6,12 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from shapes import blob
 
-from ssm_pipeline.geometry.rigid import best_frame, iterative_closest_point
+from ssm_pipeline.geometry.rigid import best_similarity, iterative_closest_point
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import sample_points
-from ssm_pipeline.records import Frame
 
 TURN = Rotation.from_rotvec([0.2, -0.5, 0.3]).as_matrix()
-MOTION = Frame(1.0, TURN, np.array([30.0, -20.0, 5.0]))
+MOTION = Similarity(1.0, TURN, np.array([30.0, -20.0, 5.0]))
 
 
 def points(count: int = 40) -> np.ndarray:
@@ -19,22 +19,22 @@ def points(count: int = 40) -> np.ndarray:
 
 
 def test_a_motion_is_found_exactly_and_undone_by_its_inverse():
-    found = best_frame(points(), MOTION.apply(points()))
+    found = best_similarity(points(), MOTION.apply(points()))
     np.testing.assert_allclose(found.rotation, MOTION.rotation, atol=1e-12)
     np.testing.assert_allclose(found.translation, MOTION.translation, atol=1e-10)
     np.testing.assert_allclose(found.inverse().apply(MOTION.apply(points())), points(), atol=1e-10)
 
 
 def test_scale_is_found_if_asked_for():
-    larger = Frame(1.7, TURN, np.array([1.0, 2.0, 3.0]))
-    found = best_frame(points(), larger.apply(points()), with_scale=True)
+    larger = Similarity(1.7, TURN, np.array([1.0, 2.0, 3.0]))
+    found = best_similarity(points(), larger.apply(points()), with_scale=True)
     assert found.scale == pytest.approx(1.7)
     np.testing.assert_allclose(found.inverse().apply(larger.apply(points())), points(), atol=1e-10)
-    assert best_frame(points(), larger.apply(points())).scale == 1
+    assert best_similarity(points(), larger.apply(points())).scale == 1
 
 
 def test_a_mirror_image_is_not_turned_inside_out():
-    found = best_frame(points(), points() * [-1, 1, 1])
+    found = best_similarity(points(), points() * [-1, 1, 1])
     assert np.linalg.det(found.rotation) == pytest.approx(1)
 
 
@@ -42,7 +42,7 @@ def test_no_small_turn_does_better_where_nothing_fits_exactly():
     generator = np.random.default_rng(1)
     target = MOTION.apply(points()) + 5 * generator.standard_normal((40, 3))
     weights = generator.random(40)
-    found = best_frame(points(), target, weights)
+    found = best_similarity(points(), target, weights)
 
     def misfit(change: np.ndarray) -> float:
         turn = Rotation.from_rotvec(change[:3]).as_matrix() @ found.rotation
@@ -58,7 +58,7 @@ def test_points_without_weight_do_not_count():
     target[:10] += 1000
     weights = np.r_[np.zeros(10), np.ones(30)]
     np.testing.assert_allclose(
-        best_frame(points(), target, weights).rotation, MOTION.rotation, atol=1e-12
+        best_similarity(points(), target, weights).rotation, MOTION.rotation, atol=1e-12
     )
 
 
@@ -75,4 +75,4 @@ def test_surfaces_are_laid_on_each_other_without_correspondence():
 
 
 def test_a_frame_that_does_nothing():
-    np.testing.assert_array_equal(Frame.identity().apply(points()), points())
+    np.testing.assert_array_equal(Similarity.identity().apply(points()), points())

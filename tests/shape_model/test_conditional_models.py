@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 from sklearn.decomposition import PCA
 
-from ssm_pipeline.records import CorrespondedShapes, Frame
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.shape_model.pca import build
 
@@ -105,7 +106,7 @@ def test_a_marginal_of_the_posterior_is_the_posterior_of_the_marginal():
 def test_a_transformed_model_makes_the_transformed_shapes():
     model = small_model()
     turn = Rotation.from_euler("xyz", [20, -50, 70], degrees=True).as_matrix()
-    frame = Frame(1.4, turn, np.array([5.0, -3.0, 100.0]))
+    frame = Similarity(1.4, turn, np.array([5.0, -3.0, 100.0]))
     moved = model.transform(frame)
     scores = np.random.default_rng(4).standard_normal((5, model.mode_count))
     np.testing.assert_allclose(

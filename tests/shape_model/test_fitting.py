@@ -2,7 +2,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from shapes import blob
 
-from ssm_pipeline.records import CorrespondedShapes, Frame, Mesh
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.fitting import fit
 from ssm_pipeline.shape_model.pca import build
@@ -24,7 +25,7 @@ def test_an_instance_is_found_again_wherever_it_lies():
     model = smooth_model()
     truth = np.zeros(model.mode_count)
     truth[:2] = [1.2, -0.8]
-    pose = Frame(
+    pose = Similarity(
         1.0,
         Rotation.from_euler("xyz", [12, -8, 15], degrees=True).as_matrix(),
         np.array([40.0, -20.0, 300.0]),

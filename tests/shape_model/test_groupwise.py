@@ -5,14 +5,15 @@ from shapes import basis_of, blob
 
 from ssm_pipeline.adaptation.correspond import correspond_again
 from ssm_pipeline.adaptation.settings import AdaptationSettings
-from ssm_pipeline.records import CorrespondedShapes, Correspondence, Frame, Mesh
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 from ssm_pipeline.shape_model.correspondence import collect, points_on_cases
 from ssm_pipeline.shape_model.groupwise import placed_means
 
 
-def moved(generator: np.random.Generator) -> Frame:
+def moved(generator: np.random.Generator) -> Similarity:
     rotation = Rotation.from_rotvec(0.5 * generator.standard_normal(3)).as_matrix()
-    return Frame(1.0, rotation, 20 * generator.standard_normal(3))
+    return Similarity(1.0, rotation, 20 * generator.standard_normal(3))
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from torch import nn
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Graph:
     """A kNN graph as lists of its edges, by receiving and by sending point.
 

@@ -43,7 +43,7 @@ from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, StudyError
 Progress = Callable[[str, int, int], None]  # what is being done, how many done, of how many
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class S3MMatch:
     """What S3M leaves.
 

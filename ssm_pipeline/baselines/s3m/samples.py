@@ -18,7 +18,7 @@ from ssm_pipeline.baselines.s3m.spectrum import Spectrum, spectrum
 from ssm_pipeline.records import Mesh
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """vertices (n,) int of the mesh, and on them: points (n, 3), centred; their graph;
     eigenvectors (n, k) and their products (`losses.eigenvector_products`); projection (k, n) =
@@ -33,7 +33,7 @@ class Sample:
     eigenvalues: torch.Tensor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TrainingCopy:
     """A shape or augmented shape, and the dense points (D,) int that its samples are drawn from."""
 

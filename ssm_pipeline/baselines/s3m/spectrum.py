@@ -13,7 +13,7 @@ from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.records import CaseError, Mesh
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spectrum:
     """eigenvalues (k,) 1/mm², ascending; eigenvectors (V, k) 1/mm, mass-orthonormal;
     mass (V,) mm²: each vertex's share of the area."""
