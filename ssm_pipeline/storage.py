@@ -131,11 +131,7 @@ def save(record: Any, path: Path) -> None:
         else:
             rest[field.name] = _to_json(value)
     header = {"record": type(record).__name__, "format_version": FORMAT_VERSION, "fields": rest}
-    arrays["header"] = np.array(json.dumps(header))
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    with written_whole(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
+    save_arrays(arrays | {"header": np.array(json.dumps(header))}, path)
 
 
 def load(kind: type[Record], path: Path) -> Record:
@@ -145,9 +141,29 @@ def load(kind: type[Record], path: Path) -> Record:
     Traceback (most recent call last):
     ssm_pipeline.records.DamagedFile: runs/none.npz is missing. If a run made it, ...
     """
+    with damage_named(path), path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        return _record(kind, path, file)
+
+
+def save_arrays(arrays: dict[str, np.ndarray], path: Path) -> None:
+    """An `.npz` of these arrays, which any NumPy opens without `allow_pickle`."""
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    with written_whole(path) as temporary:
+        temporary.write_bytes(buffer.getbuffer())
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an `.npz`, by name. Raises DamagedFile."""
+    with damage_named(path), path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        return dict(file)
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Whatever reading the file raises inside the block becomes a DamagedFile that names it."""
     try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            return _record(kind, path, file)
+        yield
     except FileNotFoundError as error:
         raise DamagedFile(path, "is missing") from error
     except (DamagedFile, PermissionError):

@@ -48,9 +48,7 @@ def _write(run: Run, folder: Path, formats: Sequence[str], names: dict[str, str]
     model = dataclasses.replace(run.model, case_ids=case_ids)
     written: list[Path] = []
     if "npz" in formats:
-        from ssm_pipeline.export.npz import write_npz
-
-        write_npz(model, folder / "model.npz")
+        model.save(folder / "model.npz")
         written.append(folder / "model.npz")
     if "csv" in formats:
         from ssm_pipeline.export.tables import write_tables

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from ssm_pipeline import storage
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.topology import submesh_faces
+from ssm_pipeline.records import DamagedFile
+
+ARRAYS = ("mean", "modes", "variances", "faces", "scores")
+LABELS = {"unit": np.array("mm"), "space": np.array("LPS"), "format_version": np.array(1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +49,10 @@ class ShapeModel:
                 f"scores have shape {self.scores.shape} for {len(self.case_ids)} cases and "
                 f"{len(self.variances)} modes; (N, M) is needed"
             )
-        for field in ("mean", "modes", "variances", "faces", "scores"):
-            array = np.array(getattr(self, field))
+        for name in ARRAYS:
+            array = np.array(getattr(self, name))
             array.flags.writeable = False
-            object.__setattr__(self, field, array)
+            object.__setattr__(self, name, array)
 
     @property
     def mode_count(self) -> int:
@@ -175,6 +181,16 @@ class ShapeModel:
             case_ids=(),
         )
 
+    def save(self, path: str | Path) -> None:
+        """Write the model to an `.npz`, which `load_model` and any NumPy read.
+
+        It holds mean (V, 3) mm, modes (M, V, 3), variances (M,) mm², faces (F, 3), scores (N, M) in
+        standard deviations, case_ids (N,), unit, space and format_version; nothing is pickled.
+        """
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        arrays |= {"case_ids": np.array(self.case_ids, dtype=np.str_), **LABELS}
+        storage.save_arrays(arrays, Path(path))
+
     def transform(self, frame: Similarity) -> ShapeModel:
         """The same model in another frame; a scale scales the standard deviations."""
         return dataclasses.replace(
@@ -192,6 +208,32 @@ class ShapeModel:
                 "correspondence with the model's mean"
             )
         return points
+
+
+def load_model(path: str | Path) -> ShapeModel:
+    """Read a model that `save`, a run or `workflow export --format npz` wrote.
+
+    Raises DamagedFile for a file that is missing, damaged, or no model in millimetres LPS.
+
+    >>> model = ShapeModel(
+    ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3), variances=np.array([9, 4]),
+    ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((1, 2)), case_ids=("liver_7",),
+    ... )
+    >>> model.save("liver.npz")
+    >>> load_model("liver.npz").standard_deviations
+    array([3., 2.])
+    """
+    arrays = storage.load_arrays(Path(path))
+    missing = [name for name in (*ARRAYS, "case_ids", *LABELS) if name not in arrays]
+    if missing:
+        raise DamagedFile(Path(path), f"is no shape model: it holds no {missing[0]}")
+    for name, needed in LABELS.items():
+        if arrays[name] != needed:
+            what = f"holds a shape model of {name} {arrays[name]}; {needed} is needed"
+            raise DamagedFile(Path(path), what)
+    with storage.damage_named(Path(path)):  # arrays whose shapes do not fit each other
+        case_ids = tuple(str(case_id) for case_id in arrays["case_ids"])
+        return ShapeModel(**{name: arrays[name] for name in ARRAYS}, case_ids=case_ids)
 
 
 def _svd_of_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

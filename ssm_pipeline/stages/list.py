@@ -46,7 +46,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         lambda s: {"groupwise": s.groupwise, "adaptation": s.adaptation},
         needs=("spectral", "correspondence"),
     ),
-    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",)),
+    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",), version=2),
     Stage(
         "evaluation",
         evaluate_methods,

@@ -22,7 +22,7 @@ from ssm_pipeline.records import (
     ShapePath,
     StudyError,
 )
-from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.shape_model.model import ShapeModel, load_model
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Run:
 
     @cached_property
     def model(self) -> ShapeModel:
-        return storage.load(ShapeModel, self._file("shape_model", "model.npz"))
+        return load_model(self._file("shape_model", "model.npz"))
 
     @cached_property
     def shapes(self) -> CorrespondedShapes:

@@ -19,7 +19,7 @@ def build_model(context: Context) -> Outcome:
     folder = context.folder()
     storage.save(aligned, folder / "aligned.npz")
     storage.save(Frames(case_ids, frames), folder / "frames.npz")
-    storage.save(model, folder / "model.npz")
+    model.save(folder / "model.npz")
     return Outcome(
         context.case_keys, note=f"{model.mode_count} modes, {model.modes_for(0.9)} hold 90 %"
     )

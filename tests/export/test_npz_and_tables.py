@@ -9,12 +9,11 @@ import pandas as pd
 import pytest
 from posed_spheres import Spheres
 
-from ssm_pipeline.export.npz import write_npz
 from ssm_pipeline.export.tables import write_tables
 
 
 def test_npz_rebuilds_every_case(spheres: Spheres, tmp_path: Path):
-    write_npz(spheres.model, tmp_path / "model.npz")
+    spheres.model.save(tmp_path / "model.npz")
     with np.load(tmp_path / "model.npz") as file:  # allow_pickle is off by default
         weights = file["scores"] * np.sqrt(file["variances"])
         shapes = file["mean"] + np.tensordot(weights, file["modes"], axes=1)
