@@ -14,7 +14,8 @@ import time
 import fast_simplification
 import numpy as np
 
-from data_prep.phantoms import PhantomSettings, draw
+from data_prep.phantom_settings import PhantomSettings
+from data_prep.smooth_phantoms import draw
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
 from ssm_pipeline.adaptation.objective import AdaptationObjective
 from ssm_pipeline.adaptation.settings import AdaptationSettings

@@ -24,7 +24,8 @@ from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from data_prep.images import read_mask
-from data_prep.phantoms import PhantomSettings, draw, voxelise
+from data_prep.phantom_settings import PhantomSettings
+from data_prep.smooth_phantoms import draw, voxelise
 from ssm_pipeline.geometry.topology import euler_number, min_angle_deg
 from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles

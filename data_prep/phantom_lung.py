@@ -1,100 +1,129 @@
-"""The phantom's anatomy: one smooth left lung and the ways in which it varies.
+"""A left lung as an atlas draws it, built by taking its neighbours away from the chest.
 
-World space is LPS: +x lateral, +y posterior, +z towards the apex; the heart lies at −x, −y.
+LPS in mm: +x lateral, +y posterior, +z towards the apex. The chest less the mediastinum, the heart,
+the aorta with its arch, the spine and the diaphragm leaves thin edges and hollows: the surface is
+not star-shaped. Its modes are local, as lungs differ; little of what varies is affine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from functools import cache
 
 import numpy as np
-import trimesh
 
-CENTRE = np.array([78.0, 10.0, 0.0])  # mm, where the left lung lies in the patient
-_TOP, _HEIGHT = 130.0, 260.0  # mm, of the lung about its own origin
-_BLEND_MM = 7.0  # edges are rounded at about this radius
+from data_prep.phantom_family import PhantomFamily, level_surface, smooth_maximum
+from data_prep.phantom_flow import Push, Swell, Velocity
 
-Field = Callable[[np.ndarray], np.ndarray]
-
-
-def mean_lung(subdivisions: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (10 242, 3) mm and faces (20 480, 3) of the mean left lung.
-
-    The surface is star-shaped about its origin: each vertex lies on its own ray, so that it
-    cannot meet itself. It has an apex, a concave base on the diaphragm with a deep posterior
-    recess, a flat mediastinal side, a hollow for the heart, a groove of the aorta and the hilum's
-    dent; no two ends are alike.
-    """
-    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
-    rays = np.asarray(sphere.vertices) * [45.0, 75.0, 115.0]
-    low, high = np.zeros(len(rays)), np.full(len(rays), 2.0)
-    for _ in range(60):
-        middle = (low + high) / 2
-        outside = _outside_mm(middle[:, None] * rays) > 0
-        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
-    return low[:, None] * rays + CENTRE, np.asarray(sphere.faces, dtype=np.int64)
+CENTRE = np.array([78.0, 10.0, 0.0])  # mm, where the lung's own origin lies in the patient
+_BLEND_MM = 3.0
+_HILUM = np.array([-36.0, 12.0, 8.0])
+# Arch and descending aorta, from front to back over the hilum and down along the spine.
+_AORTA = np.array(
+    [
+        (-52.0, -22, 30),
+        (-46, -8, 46),
+        (-43, 14, 54),
+        (-45, 34, 46),
+        (-47, 44, 26),
+        (-48, 48, -10),
+        (-49, 49, -50),
+        (-50, 48, -95),
+        (-51, 46, -150),
+    ]
+)
 
 
-def mode_fields() -> tuple[Field, ...]:
-    """The smooth displacement fields, (V, 3) mm → (V, 3) mm, of one standard deviation each.
-
-    Their gradients are so small that, for scores of Euclidean norm up to 4, the map
-    x → x + Σ s_m v_m(x) has a Jacobian with positive definite symmetric part: it is injective,
-    and no phantom can fold or meet itself (a test measures it).
-    """
-    return (_breathing, _depth, _apex_lean, _base_tilt, _cardiac_notch, _width)
-
-
-def _breathing(points: np.ndarray) -> np.ndarray:
-    """Taller or shorter; the apex stays and the base moves by 18 mm."""
-    return np.array([0, 0, 0.07]) * (points - CENTRE - [0, 0, _TOP])
-
-
-def _depth(points: np.ndarray) -> np.ndarray:
-    """Deeper or flatter from front to back: 7 mm at either wall."""
-    return np.array([0, 0.085, 0]) * (points - CENTRE)
-
-
-def _apex_lean(points: np.ndarray) -> np.ndarray:
-    """The apex leans backwards and to the middle: 15 mm at the top, none at the base."""
-    upward = (points[:, 2:] - CENTRE[2] + _TOP) / _HEIGHT
-    return 15.0 * upward**2 * np.array([-0.5, 0.87, 0])
-
-
-def _base_tilt(points: np.ndarray) -> np.ndarray:
-    """The base tilts: its back goes down and its front up, 9 mm at 75 mm from the centre."""
-    downward = (_TOP + CENTRE[2] - points[:, 2:]) / _HEIGHT
-    return 9.0 * downward**2 * (points[:, 1:2] - CENTRE[1]) / 75 * np.array([0, 0, -1.0])
+@cache
+def lung_family() -> PhantomFamily:
+    """The mean left lung of about 2.5 l in 10 000 vertices, two lobes, and its scans."""
+    vertices, faces = level_surface(
+        _outside_mm, (-95.0, -110.0, -165.0), (80.0, 110.0, 150.0), step_mm=3.0, edge_mm=4.2
+    )
+    near_hilum = np.linalg.norm(vertices - _HILUM, axis=1) < 24
+    # The oblique fissure, from high at the back to low at the front.
+    fissure = 55 + 1.15 * (vertices[:, 1] - 75) - vertices[:, 2]
+    return PhantomFamily(
+        organ="lung",
+        vertices=vertices + CENTRE,
+        faces=faces,
+        modes=tuple(_Shifted(mode) for mode in _MODES),
+        border=fissure,
+        pivot=CENTRE * [0, 1, 1],
+        residual_mm=3.5,
+        residual_widths_mm=(30.0, 16.0),
+        in_plane_mm=(0.9, 1.3),
+        slice_mm=(1.25, 3.0),
+        hilum=np.flatnonzero(near_hilum),
+        bridge_mm=3.5,
+        bridge_share=0.3,
+        cut_share=0.15,
+    )
 
 
-def _cardiac_notch(points: np.ndarray) -> np.ndarray:
-    """The heart presses in: 8 mm at the hollow, fading over 34 mm."""
-    squared = ((points - CENTRE - [-25.0, -45.0, -40.0]) ** 2).sum(axis=1, keepdims=True)
-    return 8.0 * np.exp(-squared / (2 * 34.0**2)) * np.array([0.8, 0.6, 0])
+class _Shifted:
+    """A velocity given about the lung's own origin, in the patient's space."""
+
+    def __init__(self, velocity: Velocity) -> None:
+        self.velocity = velocity
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        return self.velocity(points - CENTRE)
 
 
-def _width(points: np.ndarray) -> np.ndarray:
-    """Wider or narrower from side to side: 4 mm at either wall."""
-    return np.array([0.08, 0, 0]) * (points - CENTRE)
+def _growth(points: np.ndarray) -> np.ndarray:
+    """Larger or smaller as a whole, the taller the more: the affine part of what varies."""
+    return points * [0.018, 0.018, 0.028]
+
+
+_MODES: tuple[Velocity, ...] = (
+    _growth,
+    Push((-15.0, -50.0, -55.0), (34.0, 34.0, 40.0), (14.0, 10.0, 2.0)),  # depth of cardiac notch
+    Push((-10.0, 0.0, -85.0), (38.0, 42.0, 34.0), (0.0, 0.0, 17.0)),  # curvature of the base
+    Push((8.0, 70.0, -125.0), (48.0, 34.0, 30.0), (0.0, 3.0, -16.0)),  # costophrenic edge, behind
+    Push((48.0, -10.0, -115.0), (26.0, 48.0, 30.0), (2.0, 0.0, -13.0)),  # and at the side
+    Push((-35.0, 8.0, 125.0), (36.0, 36.0, 34.0), (-7.0, 10.0, 5.0)),  # lean of the apex
+    Swell((-30.0, 8.0, 105.0), (40.0, 40.0, 34.0), 0.22),  # a wide or a pointed apex
+    Push((-45.0, -75.0, 25.0), (30.0, 30.0, 48.0), (-13.0, -3.0, 0.0)),  # anterior edge
+    Push((-5.0, -80.0, -95.0), (34.0, 28.0, 28.0), (-6.0, -8.0, -10.0)),  # lingula
+    Push((-45.0, 45.0, -30.0), (24.0, 20.0, 75.0), (9.0, 4.0, 0.0)),  # how deep the aorta lies
+    Push((50.0, 20.0, 10.0), (26.0, 55.0, 55.0), (9.0, 0.0, 0.0)),  # bulge of the ribs
+)
 
 
 def _outside_mm(points: np.ndarray) -> np.ndarray:
-    """(V,) about the distance outside the mean lung, about its own origin; negative inside."""
+    """(Q,) about the distance outside the mean lung, about its own origin; negative inside."""
     x, y, z = points.T
-    up = np.clip((z + 20) / (_TOP + 20), 0, None)  # 0 below the hilum, 1 at the apex
-    narrow = 1 - 0.28 * up**2
-    shell = np.stack([(x + 10 * up**2) / 62 / narrow, (y - 12 * up**2) / 84 / narrow, z / _TOP])
-    outer = ((np.abs(shell) ** 2.5).sum(axis=0) ** (1 / 2.5) - 1) * 75
 
     def ball(centre: tuple[float, float, float], radii: tuple[float, float, float]) -> np.ndarray:
-        scaled = np.linalg.norm((points - centre) / np.array(radii), axis=1)
+        scaled = np.linalg.norm((points - np.array(centre)) / np.array(radii), axis=1)
         return (1 - scaled) * min(radii)
 
-    mediastinum = -(x + 38 + 0.0012 * (y - 5) ** 2)
-    diaphragm = ball((-8.0, -18.0, -160.0), (92.0, 96.0, 82.0))
-    heart = ball((-62.0, -52.0, -48.0), (48.0, 42.0, 55.0))
-    solid = np.stack([outer, mediastinum, diaphragm, heart])
-    blended = _BLEND_MM * np.log(np.exp(solid / _BLEND_MM).sum(axis=0))
-    hilum = np.exp(-((x + 40) ** 2 / 30**2 + (y - 14) ** 2 / 17**2 + (z - 12) ** 2 / 24**2))
-    aorta = np.exp(-((x + 38) ** 2 / 26**2 + (y - 46) ** 2 / 12**2 + (z + 10) ** 2 / 90**2))
-    return blended + 11 * hilum + 6 * aorta
+    up, down = np.clip(z, 0, None), np.clip(-z, 0, None)
+    wide = (90 + 0.03 * down) * (1 - 0.3 * (up / 136) ** 1.6)
+    chest = np.stack([(x + 38) / wide, (y - 4 - 0.1 * up) / (wide + 3), up / 138])
+    chest_wall = ((np.abs(chest) ** 2.25).sum(axis=0) ** (1 / 2.25) - 1) * 85
+    # The ribs run forward and down, and press in along the chest wall alone.
+    ribs = 0.8 * np.sin(2 * np.pi * (z - 0.55 * y) / 29) * np.exp(-(((x - 45) / 45) ** 2))
+    column = np.stack([(x + 80) / (44 - 0.07 * up), (y + 8) / (66 - 0.12 * up)])
+    mediastinum = (1 - np.linalg.norm(column, axis=0)) * 38
+    midline = -(x + 72)
+    spine = 34 - np.hypot(x + 80, y - 76)
+    bottom = -(z + 132 + 0.16 * y)
+    heart = ball((-72.0, -44.0, -54.0), (67.0, 52.0, 70.0))
+    diaphragm = ball((-22.0, -8.0, -166.0), (92.0, 97.0, 84.0))
+    fields = np.stack([chest_wall + ribs, mediastinum, midline, spine, bottom, heart, diaphragm])
+    solid = smooth_maximum(fields, _BLEND_MM)
+    aorta = 13.5 - _distance_to_path(points, _AORTA)
+    hilum = ball(tuple(_HILUM), (15.0, 13.0, 22.0))
+    return smooth_maximum(np.stack([solid, aorta, hilum]), 2.0)
+
+
+def _distance_to_path(points: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """(Q,) mm from points (Q, 3) to the polyline through path (K, 3)."""
+    nearest = np.full(len(points), np.inf)
+    for start, end in itertools.pairwise(path):
+        along = end - start
+        t = np.clip((points - start) @ along / (along @ along), 0, 1)
+        nearest = np.minimum(nearest, np.linalg.norm(points - start - t[:, None] * along, axis=1))
+    return nearest

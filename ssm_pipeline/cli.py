@@ -126,11 +126,15 @@ app.add_typer(benchmark, name="benchmark")
 @benchmark.command()
 def phantoms(
     changes: Changes = None,
+    reported: Annotated[
+        bool, typer.Option("--reported", help="The cohorts that are published, not development's.")
+    ] = False,
     runs: RunsFolder = Path("runs"),
     device: Device = None,
     jobs: Jobs = None,
 ) -> None:
-    """The whole pipeline on synthetic lungs with known truth: as scanned, and turned."""
+    """The whole pipeline on synthetic organs with known truth, as scanned and turned."""
+    from data_prep.phantom_seeds import DEVELOPMENT, REPORTED
     from ssm_pipeline.commands.phantom_benchmark import run_phantom_benchmark
     from ssm_pipeline.engine.process import chosen_device, default_jobs
     from ssm_pipeline.engine.runner import RunOptions
@@ -140,7 +144,8 @@ def phantoms(
     chosen = read_study("phantoms", None, changes or [])
     options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
     terminal = Terminal()
-    methods, modes = run_phantom_benchmark(chosen.settings, options, terminal)
+    seeds = REPORTED if reported else DEVELOPMENT
+    methods, modes = run_phantom_benchmark(chosen.settings, options, terminal, seeds)
     for table in (methods, modes):
         terminal.say(table.round(3).to_string(index=False))
     terminal.say(f"tables: {runs / 'phantom-benchmark.csv'}, {runs / 'phantom-modes.csv'}")

@@ -128,6 +128,8 @@ class PhantomTruth:
     modes      (M, R, 3) displacement fields, one standard deviation each, mm.
     scores     (N, M) in standard deviations, as drawn.
     frames     per case, the rigid motion applied after deformation (identity as scanned).
+    labels     (R,) int anatomical label of each point, where the masks carry several.
+    seen       (N, R) bool: points that lie within the case's field of view; None: all.
     """
 
     vertices: np.ndarray
@@ -137,6 +139,8 @@ class PhantomTruth:
     scores: np.ndarray
     case_ids: tuple[str, ...]
     frames: tuple[Similarity, ...]
+    labels: np.ndarray | None = None
+    seen: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)

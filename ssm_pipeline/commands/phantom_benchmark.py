@@ -1,16 +1,18 @@
-"""`workflow benchmark phantoms`: the whole pipeline against the truth, twice.
+"""`workflow benchmark phantoms`: the whole pipeline against the truth, on several cohorts.
 
-Once on phantoms lying as a scanner sees patients, once with each turned by a random rotation of up
-to 40 degrees. Two cases are then up to 80 degrees apart: there rigid alignment can fail, and what
-the network is worth shows.
+Every cohort is run once lying as a scanner sees patients, and once with each case turned by a
+random rotation of up to 40 degrees. Two cases are then up to 80 degrees apart: there rigid
+alignment can fail, and what the network is worth shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pandas as pd
 
+from data_prep.phantom_seeds import DEVELOPMENT
 from ssm_pipeline import storage
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
@@ -20,55 +22,91 @@ from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import PhantomData, StudySettings
 
 TURNED_DEG = 40.0
+POSES = {"as scanned": 0.0, "turned": TURNED_DEG}
+_KEYS = ["family", "pose", "method"]
 
 
 def run_phantom_benchmark(
-    settings: StudySettings, options: RunOptions, terminal: Terminal
+    settings: StudySettings,
+    options: RunOptions,
+    terminal: Terminal,
+    seeds: Sequence[int] = DEVELOPMENT,
+    poses: Sequence[str] = tuple(POSES),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row a cohort and method, and a row a cohort and true mode; also as phantom-benchmark.csv
-    and phantom-modes.csv in the runs folder.
+    """A row a pose and method over all cohorts, and a row a cohort and true mode.
 
-    Columns of the first: cohort, method, geodesic_x100 (mean over all template → case pairs,
-    √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and specificity_mm (Chamfer,
-    all modes). Of the second: as `phantom_truth.recovered_modes`.
+    seeds  of the cohorts, one each; the study's own seed, of the method, stays as it is.
+
+    In the runs folder: phantom-benchmark.csv, a row a cohort and method: family, pose, cohort (its
+    seed), affine_percent (of the cohort's variance), method, geodesic_x100 (mean over all
+    template → case pairs, √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and
+    specificity_mm (Chamfer, all modes), variance_kept_percent, and, of phantoms with labels,
+    labels_disagree_percent and labels_border_mm. phantom-benchmark-mean.csv, the first table
+    returned: means over the cohorts, each with its standard deviation between cohorts (`…_sd`).
+    phantom-modes.csv, the second: as `phantom_truth.recovered_modes`.
     """
     if not isinstance(settings.data, PhantomData):
         raise StudyError("the phantom benchmark needs phantoms: set data.source to phantoms.")
+    family = settings.data.family
     rows, modes = [], []
-    for cohort, rotation in (("as scanned", 0.0), ("turned", TURNED_DEG)):
-        data = settings.data.model_copy(update={"max_rotation_deg": rotation})
-        terminal.say(f"phantoms {cohort}: turned by up to {rotation:g} degrees")
-        folder = run_study(
-            f"phantoms-{cohort.replace(' ', '-')}",
-            settings.model_copy(update={"data": data}),
-            options,
-            terminal,
-        )
-        tables = load_run(folder).metrics.tables
-        rows += _rows(cohort, tables)
-        if "recovered_modes" in tables:  # not where size is removed, which changes the modes
-            modes.append(tables["recovered_modes"].assign(cohort=cohort))
+    for pose in poses:
+        for seed in seeds:
+            change = {"max_rotation_deg": POSES[pose], "seed": seed}
+            data = settings.data.model_copy(update=change)
+            terminal.say(f"phantoms {family}, cohort {seed}, {pose}")
+            folder = run_study(
+                f"phantoms-{family}-{pose.replace(' ', '-')}-{seed}",
+                settings.model_copy(update={"data": data}),
+                options,
+                terminal,
+            )
+            tables = load_run(folder).metrics.tables
+            where = {"family": family, "pose": pose, "cohort": seed}
+            where["affine_percent"] = _affine_percent(folder)
+            rows += [where | row for row in _rows(tables)]
+            if "recovered_modes" in tables:  # not where size is removed, which changes the modes
+                modes.append(tables["recovered_modes"].assign(**where))
     methods = pd.DataFrame(rows)
-    all_modes = pd.concat(modes) if modes else pd.DataFrame()
-    for name, table in (("phantom-benchmark", methods), ("phantom-modes", all_modes)):
-        with storage.written_whole(options.runs / f"{name}.csv") as temporary:
+    all_modes = pd.concat(modes, ignore_index=True) if modes else pd.DataFrame()
+    means = _over_cohorts(methods)
+    for name, table in (("benchmark", methods), ("benchmark-mean", means), ("modes", all_modes)):
+        with storage.written_whole(options.runs / f"phantom-{name}.csv") as temporary:
             table.to_csv(temporary, index=False)
-    return methods, all_modes
+    return means, all_modes
 
 
-def _rows(cohort: str, tables: Mapping[str, pd.DataFrame]) -> list[dict[str, object]]:
+def _affine_percent(folder: Path) -> float:
+    stated = storage.read_json(folder / "data" / "phantoms" / "phantoms.json")
+    return 100 * float(stated["affine_share"])
+
+
+def _rows(tables: Mapping[str, pd.DataFrame]) -> list[dict[str, object]]:
     errors, rows = tables["truth"], []
+    labels = tables["labels_mean"].set_index("method") if "labels_mean" in tables else None
     for row in tables["comparison"].itertuples():
         own = errors[errors["method"] == row.method]
-        rows.append(
-            {
-                "cohort": cohort,
-                "method": row.method,
-                "geodesic_x100": own["geodesic_x100"].mean(),
-                "geodesic_mm": own["geodesic_mm"].mean(),
-                "worst_case_x100": own["geodesic_x100"].max(),
-                "generalisation_mm": row.generalisation_chamfer_mm,
-                "specificity_mm": row.specificity_chamfer_mm,
-            }
-        )
+        of_method = {
+            "method": row.method,
+            "geodesic_x100": own["geodesic_x100"].mean(),
+            "geodesic_mm": own["geodesic_mm"].mean(),
+            "worst_case_x100": own["geodesic_x100"].max(),
+            "generalisation_mm": row.generalisation_chamfer_mm,
+            "specificity_mm": row.specificity_chamfer_mm,
+            "variance_kept_percent": row.variance_kept_percent,
+        }
+        if labels is not None:
+            of_method["labels_disagree_percent"] = labels.loc[row.method, "disagree_percent"]
+            of_method["labels_border_mm"] = labels.loc[row.method, "border_mm"]
+        rows.append(of_method)
     return rows
+
+
+def _over_cohorts(methods: pd.DataFrame) -> pd.DataFrame:
+    """Mean and standard deviation over the cohorts of every number, and how many there are."""
+    numbers = [name for name in methods if name not in (*_KEYS, "cohort")]
+    grouped = methods.groupby(_KEYS, sort=False)
+    table = grouped.agg(cohorts=("cohort", "size"))
+    for name in numbers:
+        table[name] = grouped[name].mean()
+        table[f"{name}_sd"] = grouped[name].std()
+    return table.reset_index()

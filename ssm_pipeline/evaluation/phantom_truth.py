@@ -1,4 +1,8 @@
-"""Against the truth of a synthetic cohort: correspondence errors, recovered modes, the floor."""
+"""Against the truth of a synthetic cohort: correspondence errors, recovered modes, the floor.
+
+Written apart from what makes the phantoms: nothing here knows how they were shaped, and only the
+truth's points are read.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from ssm_pipeline.geometry.geodesics import geodesics_between
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.records import CorrespondedShapes, Mesh, PhantomTruth, StudyError
+from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
 
 
@@ -51,24 +56,30 @@ def correspondence_errors(
 
     predicted  (N, V, 3) mm, in each case's own space (not aligned), on the template's vertices.
     Predicted points are carried onto the true surface (nearest point), and the geodesic there is
-    measured between them and the true points (see `geodesics.geodesics_between` for how).
+    measured between them and the true points (see `geodesics.geodesics_between` for how). Points
+    that the case's or the template's field of view does not show are left out: no method can know
+    where they are.
     Returns a row per case but the template: case_id, geodesic_mm, geodesic_median_mm,
     geodesic_p95_mm, geodesic_x100 (mean over √area, ×100), off_surface_mm (mean distance of the
-    predicted points from the true surface).
+    predicted points from the true surface), scored_percent (of the template's vertices).
     """
     reference = on_reference(template, truth)
+    seen = seen_in(reference, truth, (template.case_id, *predicted.case_ids))
+    in_template, in_cases = seen[0], seen[1:]
     rows = []
-    for case_id, points in zip(predicted.case_ids, predicted.vertices, strict=True):
+    for case_id, points, in_case in zip(
+        predicted.case_ids, predicted.vertices, in_cases, strict=True
+    ):
         if case_id == template.case_id:
             continue
-        surface = _surfaces(truth, (case_id,))[0]
+        surface, scored = _surfaces(truth, (case_id,))[0], in_template & in_case
         true = ClosestPoints(
-            _carried(reference, surface[None], truth.faces)[0],
-            reference.faces,
-            reference.barycentric,
-            np.zeros(len(points)),
+            _carried(reference, surface[None], truth.faces)[0][scored],
+            reference.faces[scored],
+            reference.barycentric[scored],
+            np.zeros(int(scored.sum())),
         )
-        found = closest_points(points, surface, truth.faces)
+        found = closest_points(points[scored], surface, truth.faces)
         errors = geodesics_between(surface, truth.faces, found, true)
         rows.append(
             {
@@ -78,9 +89,36 @@ def correspondence_errors(
                 "geodesic_p95_mm": np.percentile(errors, 95),
                 "geodesic_x100": 100 * errors.mean() / np.sqrt(area(surface, truth.faces)),
                 "off_surface_mm": found.distances.mean(),
+                "scored_percent": 100 * scored.mean(),
             }
         )
     return pd.DataFrame(rows)
+
+
+def variance_kept(
+    predicted: CorrespondedShapes, template: Mesh, truth: PhantomTruth, with_scale: bool = False
+) -> float:
+    """Variance of a method's shapes over that of the true ones, pose removed from both.
+
+    A method that flattens, drawing all cases towards one shape, keeps less than 1 and so wins
+    specificity; one that scatters its points keeps more. Both are summed over the template's
+    vertices that every case's field of view shows.
+    predicted  (N, V, 3) mm, in each case's own space. Raises StudyError for other cases.
+    """
+    true = true_correspondence(template, truth, predicted.case_ids)
+    seen = seen_in(on_reference(template, truth), truth, truth.case_ids).all(axis=0)
+    own, known = (align(s, with_scale)[0].vertices[:, seen] for s in (predicted, true))
+    return float(own.var(axis=0).sum() / known.var(axis=0).sum())
+
+
+def seen_in(
+    points: ClosestPoints, truth: PhantomTruth, case_ids: tuple[str, ...]
+) -> np.ndarray:
+    """(N, V) bool: which of the points on the reference each case's field of view shows."""
+    if truth.seen is None:
+        return np.ones((len(case_ids), len(points.faces)), bool)
+    shown = truth.seen[[truth.case_ids.index(case_id) for case_id in case_ids]]
+    return np.all(shown[:, truth.faces[points.faces]], axis=2)
 
 
 def recovered_modes(
@@ -90,7 +128,8 @@ def recovered_modes(
 
     model  the method's; floor: the model of `true_correspondence`. Both on the template's
            vertices, unscaled.
-    The true modes are read at the template's vertices and turned into the model's frame. What of
+    The true modes, the changes that small scores make, are read at the template's vertices and
+    turned into the model's frame. What of
     them is a rigid motion is taken out, since alignment takes it out of the model too.
     Returns a row per true mode, m = 1 … M: mode; angle_degrees, the m-th principal angle between
     the span of the model's first M modes and the true span (0: recovered, 90: missed), and

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.records import Cohort
 from ssm_pipeline.stages.context import Context
 from ssm_pipeline.study.cohort import what_a_case_rests_on
 
@@ -16,4 +17,13 @@ def list_cases(context: Context) -> Outcome:
     context.write_table("cohort", rows)
     rests_on = what_a_case_rests_on(context.settings)
     keys = {case_id: context.case_key(case_id, case_id, rests_on) for case_id in context.case_keys}
-    return Outcome(keys, context.cohort.dropped)
+    return Outcome(keys, context.cohort.dropped, note=_how_affine(context.cohort))
+
+
+def _how_affine(cohort: Cohort) -> str:
+    """Of phantoms: a cohort that is nearly affine proves little."""
+    if cohort.truth is None:
+        return ""
+    from ssm_pipeline.geometry.affine import affine_share
+
+    return f"{100 * affine_share(cohort.truth.vertices):.0f} % of the variance is affine"

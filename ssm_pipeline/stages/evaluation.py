@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
+
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -22,7 +24,12 @@ from ssm_pipeline.study.settings import Luna16Data, StudySettings
 def evaluate_methods(context: Context) -> Outcome:
     """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
     from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
-    from ssm_pipeline.evaluation.tables import comparisons, together, with_retrained
+    from ssm_pipeline.evaluation.tables import (
+        comparisons,
+        together,
+        with_retrained,
+        with_variance_kept,
+    )
     from ssm_pipeline.shape_model.alignment import align
     from ssm_pipeline.shape_model.pca import build
 
@@ -42,6 +49,8 @@ def evaluate_methods(context: Context) -> Outcome:
         scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes)
     draws, is_luna16 = settings.evaluation.bootstrap_draws, isinstance(settings.data, Luna16Data)
     tables = together(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
+    if truth is not None:
+        tables = with_variance_kept(tables)
     if settings.comparison.retrain:
         retrained = retrained_generalisation(context, settings, meshes)
         tables |= with_retrained(tables, retrained, draws, settings.seed)
@@ -104,11 +113,14 @@ def _write_scores(
     storage.save_tables(metrics, folder)
     truth = context.cohort.truth
     if truth is not None:
-        from ssm_pipeline.evaluation.phantom_truth import correspondence_errors
+        from ssm_pipeline.evaluation.phantom_truth import correspondence_errors, variance_kept
 
-        errors = correspondence_errors(shapes, _template_of(shapes), truth)
+        template, with_scale = _template_of(shapes), settings.shape_model.with_scale
+        errors = correspondence_errors(shapes, template, truth)
         errors.insert(0, "method", method)
-        storage.save_tables(Metrics({"truth": errors}), folder)
+        kept = 100 * variance_kept(shapes, template, truth, with_scale)
+        row = pd.DataFrame([{"method": method, "variance_kept_percent": kept}])
+        storage.save_tables(Metrics({"truth": errors, "variance_kept": row}), folder)
     return {}
 
 

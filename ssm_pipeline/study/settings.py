@@ -55,7 +55,7 @@ class MaskFolderData(Settings):
 
 
 class PhantomData(PhantomSettings):
-    """Synthetic lungs with known correspondences."""
+    """Synthetic organs with known correspondences."""
 
     source: Literal["phantoms"] = "phantoms"
 

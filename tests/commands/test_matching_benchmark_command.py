@@ -11,8 +11,9 @@ import pytest
 from command_line import Workflow
 
 from data_prep.matching_folder import read_matching_folder, write_matching_folder
-from data_prep.phantoms import PhantomSettings, draw
+from data_prep.phantom_settings import PhantomSettings
 from data_prep.remeshed_phantoms import remeshed_phantoms
+from data_prep.smooth_phantoms import draw
 from ssm_pipeline.geometry.surface import area
 
 TINY = (

@@ -23,7 +23,7 @@ from ssm_pipeline.study.settings import PhantomData, StudySettings
 def settings(tmp_path_factory: pytest.TempPathFactory) -> StudySettings:
     tiny = tiny_settings(tmp_path_factory.mktemp("none"), steps=1)
     only_s3m = tiny.comparison.model_copy(update={"methods": ("S3M",)})
-    phantoms = PhantomData(cases=4, modes=2, spacing_mm=(5.0, 5.0, 6.0))
+    phantoms = PhantomData(family="smooth", cases=4, modes=2, spacing_mm=(5.0, 5.0, 6.0))
     return tiny.model_copy(update={"data": phantoms, "comparison": only_s3m})
 
 
@@ -48,6 +48,10 @@ def test_the_truth_is_known_of_every_method(folder: Path):
     assert means.loc["true correspondence", "geodesic_mm"] < 0.1
     assert means.loc["true correspondence", "off_surface_mm"] < 1e-3
     assert means.loc["full", "geodesic_mm"] > 1  # one step of training
+    kept = tables["comparison"].set_index("method")["variance_kept_percent"]
+    assert kept["true correspondence"] == pytest.approx(100)
+    assert "variance_kept" not in tables  # it stands beside specificity
+    assert list(tables["comparison_95"]["variance_kept_percent"]) == kept.to_list()
 
 
 def test_the_modes_of_the_truth_are_looked_for(folder: Path):
@@ -66,7 +70,7 @@ def test_fit_of_every_method_and_none_of_the_papers_numbers(folder: Path):
     assert "paper" not in tables  # phantoms are no LUNA16
 
 
-def test_two_cohorts_one_of_them_turned(
+def test_every_cohort_as_scanned_and_turned(
     folder: Path, settings: StudySettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """The runs themselves are the business of other tests: a finished one stands for both."""
@@ -77,27 +81,30 @@ def test_two_cohorts_one_of_them_turned(
         return folder
 
     monkeypatch.setattr(phantom_benchmark, "run_study", finished)
-    table, modes = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal())
-    assert {name: wanted.data.max_rotation_deg for name, wanted in asked.items()} == {
-        "phantoms-as-scanned": 0.0,
-        "phantoms-turned": 40.0,
+    means, modes = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal(), seeds=(3, 4))
+    assert {
+        name: (wanted.data.max_rotation_deg, wanted.data.seed, wanted.seed)
+        for name, wanted in asked.items()
+    } == {
+        "phantoms-smooth-as-scanned-3": (0.0, 3, settings.seed),
+        "phantoms-smooth-as-scanned-4": (0.0, 4, settings.seed),
+        "phantoms-smooth-turned-3": (40.0, 3, settings.seed),
+        "phantoms-smooth-turned-4": (40.0, 4, settings.seed),
     }
-    pd.testing.assert_frame_equal(table, pd.read_csv(tmp_path / "phantom-benchmark.csv"))
-    assert table.groupby("cohort").size().to_dict() == {"as scanned": 3, "turned": 3}
+    table = pd.read_csv(tmp_path / "phantom-benchmark.csv")
+    pd.testing.assert_frame_equal(means, pd.read_csv(tmp_path / "phantom-benchmark-mean.csv"))
+    pd.testing.assert_frame_equal(modes, pd.read_csv(tmp_path / "phantom-modes.csv"))
+    assert table.groupby(["pose", "cohort"]).size().to_list() == [3] * 4
     assert not table.isna().any(axis=None)
-    assert modes[["cohort", "mode"]].to_numpy().tolist() == [
-        ["as scanned", 1],
-        ["as scanned", 2],
-        ["turned", 1],
-        ["turned", 2],
-    ]
-    pd.testing.assert_frame_equal(
-        modes.reset_index(drop=True), pd.read_csv(tmp_path / "phantom-modes.csv")
-    )
+    assert (table["affine_percent"] > 80).all()  # of the smooth family
+    assert means["cohorts"].tolist() == [2] * 6
+    assert (means["geodesic_mm_sd"] == 0).all()  # the same run stands for both
+    assert modes["mode"].tolist() == [1, 2] * 4
     comparison = load_run(folder).metrics.tables["comparison"].set_index("method")
-    row = table.set_index(["cohort", "method"]).loc[("as scanned", "full")]
+    row = means.set_index(["pose", "method"]).loc[("turned", "full")]
     assert row["generalisation_mm"] == comparison.loc["full", "generalisation_chamfer_mm"]
     assert row["specificity_mm"] == comparison.loc["full", "specificity_chamfer_mm"]
+    assert row["variance_kept_percent"] == comparison.loc["full", "variance_kept_percent"]
 
 
 def test_it_wants_phantoms(tmp_path: Path):

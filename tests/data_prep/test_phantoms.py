@@ -1,4 +1,4 @@
-"""The phantoms: exact truth, no folding, the same bytes for the same seed."""
+"""Folders of phantoms, and the smooth lungs: exact truth, the same bytes for the same seed."""
 
 import hashlib
 from pathlib import Path
@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from data_prep.phantom_lung import CENTRE, mean_lung, mode_fields
-from data_prep.phantoms import (
-    MAX_SCORE_NORM,
-    PhantomSettings,
-    draw,
-    make_cohort,
-    read_cohort,
-    turn_angle,
-)
+from data_prep.phantom_pose import turn_angle
+from data_prep.phantoms import PhantomSettings, make_cohort, read_cohort
+from data_prep.smooth_lung import CENTRE, mean_lung, mode_fields
+from data_prep.smooth_phantoms import MAX_SCORE_NORM, draw
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import area, face_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
@@ -23,7 +18,9 @@ from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import Cohort, StudyError
 
-SMALL = PhantomSettings(cases=2, spacing_mm=(2.0, 2.0, 3.0), max_rotation_deg=15, seed=3)
+SMALL = PhantomSettings(
+    family="smooth", cases=2, spacing_mm=(2.0, 2.0, 3.0), max_rotation_deg=15, seed=3
+)
 
 
 @pytest.fixture(scope="module")
