@@ -32,7 +32,7 @@ def short_names(case_ids: Sequence[str]) -> dict[str, str]:
             c: c if len(_beginning(c, head)) == len(c) else f"{_beginning(c, head)}…"
             for c in distinct
         },
-        {c: f"…{c[begin : len(c) - end]}…" for c in distinct},
+        {c: f"…{_middle(c, begin, end)}…" for c in distinct},
     ]
     unique = [names for names in ways if len(set(names.values())) == len(distinct)]
     # A beginning or an end reads better than a middle, where it is short enough.
@@ -44,6 +44,12 @@ def _beginning(case_id: str, count: int) -> str:
     """At least `count` characters, no word or number cut."""
     end = re.compile(r"\w*?(?=[\W_]|$)").match(case_id, count)
     return case_id[: end.end()] if end else case_id
+
+
+def _middle(case_id: str, begin: int, end: int) -> str:
+    """What lies between a common beginning and a common end, of these lengths, and not less."""
+    last = len(case_id) - end
+    return case_id[min(begin, max(last - FEWEST, 0)) : last].lstrip(" .-_")
 
 
 def _shared(case_ids: Sequence[str]) -> int:

@@ -26,7 +26,6 @@ _WORDS = {
     "min": "smallest",
     "dropped": "left out because",
     "cases_in": "cases in",
-    "p": "p",
 }
 _STEMS = {
     "to_case": "mean",
@@ -142,4 +141,5 @@ def _split(column: str) -> tuple[str, str]:
 
 
 def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
+    """With a capital; a symbol of one letter, p or t, keeps its own."""
+    return words if len(words) == 1 else words[:1].upper() + words[1:]

@@ -15,12 +15,12 @@ class Block:
         self._parts: list[bytes] = []
         self._length = 0
 
-    def add_points(self, points: np.ndarray) -> dict[str, Any]:
-        """(…, 3) mm as int16: off by at most half of extent / 65535, some µm for an organ."""
-        low, high = float(points.min()), float(points.max())
+    def add_numbers(self, values: np.ndarray) -> dict[str, Any]:
+        """Any shape as int16: off by at most half of extent / 65535, some µm for an organ in mm."""
+        low, high = float(values.min()), float(values.max())
         scale = max(high - low, 1e-6) / 65535
         origin = low + 32768 * scale
-        numbers = np.clip(np.round((points - origin) / scale), -32768, 32767).astype("<i2")
+        numbers = np.clip(np.round((values - origin) / scale), -32768, 32767).astype("<i2")
         return self._add(numbers, "int16") | {"scale": scale, "origin": origin}
 
     def add_indices(self, indices: np.ndarray) -> dict[str, Any]:

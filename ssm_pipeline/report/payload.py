@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.export.glb import glb_bytes
-from ssm_pipeline.records import Mesh, ShapePath
+from ssm_pipeline.records import ShapePath
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.curves import DISTANCES, distances_in, quality_curves
 from ssm_pipeline.report.distortion_charts import distortion_charts
@@ -38,7 +38,7 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
     modes = min(settings.modes, model.mode_count)
     cases_block = Block()
     cases = _cases(content, settings, cases_block, modes)
-    template_points = cases_block.add_points(content.template_vertices)
+    template_points = cases_block.add_numbers(content.template_vertices)
     blocks = {
         # The same file that `export` writes: the page has no second copy of the model.
         "block-model": base64.b64encode(glb_bytes(model, modes)).decode(),
@@ -97,8 +97,10 @@ def _cases(
                 "scores": model.scores[index, :modes].tolist(),
                 "reconstructionMm": float(errors[index].mean()),
                 "fit": quality.loc[case_id].to_dict() if case_id in quality.index else {},
-                "points": block.add_points(aligned.vertices[index]),
-                "mesh": None if mesh is None else _mesh(mesh, settings.case_faces, block),
+                "points": block.add_numbers(aligned.vertices[index]),
+                "mesh": None
+                if mesh is None
+                else packed_mesh(mesh.vertices, mesh.faces, settings.case_faces, block),
                 "landmarks": [] if landmarks is None else landmarks[index].tolist(),
             }
         )
@@ -115,15 +117,17 @@ def _landmarks(content: ReportContent) -> np.ndarray | None:
     return carry_landmarks(on_template, aligned.vertices[index], aligned.faces, aligned.vertices)
 
 
-def _mesh(mesh: Mesh, face_count: int, block: Block) -> dict[str, Any]:
-    vertices, faces = mesh.vertices, mesh.faces
+def packed_mesh(
+    vertices: np.ndarray, faces: np.ndarray, face_count: int, block: Block
+) -> dict[str, Any]:
+    """A surface in millimetres, thinned to `face_count` triangles where it has more."""
     if len(faces) > face_count:
         vertices, faces = fast_simplification.simplify(
             np.ascontiguousarray(vertices, dtype=np.float32),
             np.ascontiguousarray(faces, dtype=np.int32),
             target_count=face_count,
         )
-    return {"points": block.add_points(vertices), "faces": block.add_indices(faces)}
+    return {"points": block.add_numbers(vertices), "faces": block.add_indices(faces)}
 
 
 def _path(path: ShapePath, settings: ReportSettings, block: Block) -> dict[str, Any]:
@@ -135,8 +139,8 @@ def _path(path: ShapePath, settings: ReportSettings, block: Block) -> dict[str, 
     offsets -= offsets.mean(axis=1, keepdims=True)
     return {
         "times": times.tolist(),
-        "pose": block.add_points(pose),
-        "offsets": block.add_points(offsets),
+        "pose": block.add_numbers(pose),
+        "offsets": block.add_numbers(offsets),
         "faces": block.add_indices(path.faces),
     }
 

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull
 
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
+from ssm_pipeline.report.compare_page import Comparison, Effect
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model import alignment, pca
@@ -367,3 +368,32 @@ def _check(ids: list[str], generator: np.random.Generator) -> tuple[pd.DataFrame
         Image.fromarray(image).save(buffer, "PNG")
         pictures[case_id] = buffer.getvalue()
     return table, pictures
+
+
+def make_comparison(content: ReportContent, seed: int = 2) -> Comparison:
+    """Two covariates; the effect of the first is known to be significant on the upper half only."""
+    model, generator = content.model, np.random.default_rng(seed)
+    count = len(model.case_ids)
+    upper = model.mean[:, 2] > 0
+    up = np.where(upper[:, None], [0.0, 0.0, 3.0], 0.0)
+    return Comparison(
+        formula="~ sex + age",
+        effects=(
+            Effect("sex: m against f", up, np.where(upper, 0.001, 0.6), np.where(upper, 0.01, 0.7)),
+            Effect("age, 10 years more", 0.1 * up, np.full(len(up), 0.5), np.full(len(up), 0.9)),
+        ),
+        covariates=pd.DataFrame(
+            {
+                "case_id": model.case_ids,
+                "sex": np.where(np.arange(count) % 2, "f", "m"),
+                "age": generator.uniform(30, 80, count).round(),
+            }
+        ),
+        scores=model.scores,
+        tables={
+            "Tests of the whole shape": pd.DataFrame(
+                {"term": ["sex", "age"], "hotelling_t2": [31.2, 9.4], "p": [0.002, 0.41]}
+            )
+        },
+        remarks=("1 case has no covariates and was left out: <blob.003>",),
+    )

@@ -18,7 +18,7 @@ def test_the_part_that_tells_cases_apart_is_kept_wherever_it_stands():
     ids = [f"sub-{number:03d}_{'left-lung-segmentation-' * 2}v2" for number in (7, 112)]
     assert short_names(ids) == {ids[0]: "sub-007…", ids[1]: "sub-112…"}
     ids = [f"{'left-lung-of-patient-' * 2}{number}{'-segmentation' * 3}" for number in (7, 112)]
-    assert short_names(ids) == {ids[0]: "…7…", ids[1]: "…112…"}
+    assert short_names(ids) == {ids[0]: "…ient-7…", ids[1]: "…nt-112…"}
 
 
 def test_one_long_id_is_cut():

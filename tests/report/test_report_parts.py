@@ -156,7 +156,7 @@ def test_packed_points_are_within_half_a_step():
     faces = np.array([[0, 1, 2], [3, 4, 70000]])
     block = Block()
     odd = block.add_indices(np.array([1, 2, 3]))  # 6 bytes: the next array must still be aligned
-    place, index_place = block.add_points(points), block.add_indices(faces)
+    place, index_place = block.add_numbers(points), block.add_indices(faces)
     data = base64.b64decode(block.base64())
     assert place["offset"] % 4 == 0
     assert odd["type"] == "uint16"

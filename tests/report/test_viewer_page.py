@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import re
-import shutil
 import zipfile
 from pathlib import Path
 
@@ -23,13 +22,6 @@ from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.report.template import VIEWER
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the page")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--enable-unsafe-swiftshader",
-]  # fmt: skip
 SETTINGS = ReportSettings(modes=5, case_faces=500, tile_px=96)
 TABS = ["overview", "modes", "interpolation", "correspondence", "quality", "cohort"]
 
@@ -41,31 +33,9 @@ def file(content, tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
-def page(browser, file):
-    """A fresh page; afterwards: nothing was asked of a network and nothing went wrong."""
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
-    troubles: list[str] = []
-    page.on("console", lambda m: troubles.append(m.text) if m.type == "error" else None)
-    page.on("pageerror", lambda error: troubles.append(str(error)))
-    page.on(
-        "request",
-        lambda r: None if re.match(r"(file|data|blob):", r.url) else troubles.append(r.url),
-    )
-    page.goto(file.as_uri())
-    yield page
-    page.close()
-    assert troubles == []
+def page(watched_page, file):
+    return watched_page(file)
 
 
 def positions(page, part: str = "modes") -> np.ndarray:

@@ -14,7 +14,7 @@ const SHAPES = [
   "M0 1.2L1.1 -.8H-1.1Z",
 ];
 
-const svg = (name, attributes, text) => {
+export const svg = (name, attributes, text) => {
   const element = document.createElementNS(NS, name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   if (text !== undefined) element.textContent = text;
@@ -37,7 +37,7 @@ export function styles(names, traits = {}) {
 }
 
 /** Round tick values that cover low … high. */
-function ticks(low, high, count) {
+export function ticks(low, high, count) {
   const raw = (high - low || 1) / count;
   const power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= raw);

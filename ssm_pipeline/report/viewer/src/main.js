@@ -1,7 +1,9 @@
 // Entry: reads the page's data and starts each tab when it is first opened.
 import { legend } from "./colours.js";
+import { showScores, startCompare } from "./compare.js";
 import { startCorrespondence } from "./correspondence.js";
 import { block, readModel } from "./data.js";
+import { startFit } from "./fit.js";
 import { startInterpolation } from "./interpolation.js";
 import { startModes } from "./modes.js";
 import { FULL, showQuality } from "./quality.js";
@@ -16,6 +18,8 @@ const once = (make) => {
 };
 const model = once(() => readModel(block("block-model")));
 const casesBlock = once(() => block("block-cases"));
+const compareBlock = once(() => block("block-compare"));
+const fitBlock = once(() => block("block-fit"));
 
 /**
  * For tests and the curious, in the browser's console. A part appears when its tab has been opened.
@@ -27,6 +31,8 @@ const casesBlock = once(() => block("block-cases"));
  *   viewer.modes.drawNow()          draw without waiting for the next frame
  *   viewer.interpolation.set(t, ts), .positions(), .distortion()
  *   viewer.correspondence.order()   the cases as shown
+ *   viewer.fit.show(i), .patient(), .values("residual" | "radius")   the page of new patients
+ *   viewer.compare.positions(), .shownShare()   the page of a comparison
  *   viewer.study                    the page's description of the study
  */
 window.viewer = { study };
@@ -37,7 +43,7 @@ for (const element of document.querySelectorAll(".legend[data-map]")) {
 
 offerTables(study.study);
 
-const distances = Object.keys(study.curves.distances).filter((name) =>
+const distances = Object.keys(study.curves?.distances ?? {}).filter((name) =>
   Object.values(study.curves.charts).some((byDistance) => byDistance[name]),
 );
 
@@ -53,11 +59,14 @@ const in3D = (name, start) => () => {
 };
 
 startTabs({
+  compare: in3D("compare", () => startCompare(study, compareBlock)),
+  scores: () => showScores(study),
+  fit: in3D("fit", () => startFit(study, fitBlock)),
   overview() {
     showQuality(document.getElementById("overview-charts"), study, distances[0], study.methods[FULL] && FULL);
   },
   modes: in3D("modes", () => startModes(study, model(), casesBlock)),
-  interpolation: study.paths.length ? in3D("interpolation", () => startInterpolation(study)) : undefined,
+  interpolation: study.paths?.length ? in3D("interpolation", () => startInterpolation(study)) : undefined,
   correspondence: in3D("correspondence", () => startCorrespondence(study, model(), casesBlock)),
   quality() {
     const select = document.getElementById("quality-distance");

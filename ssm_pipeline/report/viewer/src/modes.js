@@ -4,6 +4,7 @@ import { array } from "./data.js";
 import { legend, lookup } from "./colours.js";
 import { measure, vertexNormals } from "./geometry.js";
 import { createStage } from "./stage.js";
+import { ownSurface, reach, removeFrom } from "./surface.js";
 
 const $ = (id) => document.getElementById(id);
 const signed = (value, digits = 2) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}`;
@@ -118,21 +119,11 @@ export function startModes(study, model, casesBlock) {
   }
 
   function showOwn() {
-    if (own) {
-      stage.scene.remove(own);
-      own.geometry.dispose();
-      own.material.dispose();
-      own = null;
-    }
+    if (own) removeFrom(stage.scene, own);
+    own = null;
     const place = chosen === null ? null : study.cases[chosen].mesh;
     if (!place || !$("modes-own").checked) return;
-    const g = new BufferGeometry();
-    const points = array(casesBlock(), place.points);
-    const indices = array(casesBlock(), place.faces);
-    g.setAttribute("position", new BufferAttribute(points, 3));
-    g.setAttribute("normal", new BufferAttribute(vertexNormals(points, indices, new Float32Array(points.length)), 3));
-    g.setIndex(new BufferAttribute(indices, 1));
-    own = new Mesh(g, new MeshLambertMaterial({ color: 0x2e9c8f, transparent: true, opacity: 0.45, depthWrite: false }));
+    own = ownSurface(array(casesBlock(), place.points), new Uint32Array(array(casesBlock(), place.faces)));
     stage.scene.add(own);
   }
 
@@ -191,11 +182,4 @@ export function startModes(study, model, casesBlock) {
     measures: () => measure(positions, faces),
     drawNow: stage.drawNow,
   };
-}
-
-/** Largest distance of a vertex from the origin, mm. */
-function reach(points) {
-  let largest = 0;
-  for (let v = 0; v < points.length; v += 3) largest = Math.max(largest, Math.hypot(points[v], points[v + 1], points[v + 2]));
-  return largest;
 }

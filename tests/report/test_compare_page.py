@@ -1,0 +1,93 @@
+"""The page of a comparison, in a real browser."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_report import make_comparison
+
+from ssm_pipeline.report.compare_page import write_compare_page
+from ssm_pipeline.report.settings import ReportSettings
+
+SETTINGS = ReportSettings(modes=4)
+
+
+@pytest.fixture(scope="module")
+def file(content, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("compare") / "compare.html"
+    write_compare_page(make_comparison(content), content.model, path, "blobs", True, SETTINGS)
+    return path
+
+
+def test_only_what_is_significant_is_coloured(watched_page, file, content):
+    page = watched_page(file)
+    upper = (content.model.mean[:, 2] > 0).mean()
+    assert page.evaluate("viewer.compare.shownShare()") == pytest.approx(upper)
+    page.select_option("#compare-mask", "all")
+    assert page.evaluate("viewer.compare.shownShare()") == 1
+    page.select_option("#compare-effect", "1")
+    page.select_option("#compare-mask", "q")
+    assert page.evaluate("viewer.compare.shownShare()") == 0
+    assert "age, 10 years more" in page.locator("#compare-caption").inner_text()
+
+
+def test_the_slider_adds_the_effect_to_the_mean(watched_page, file, content):
+    page = watched_page(file)
+    page.locator("#compare-scale").fill("2")
+    shown = np.array(page.evaluate("[...viewer.compare.positions()]")).reshape(-1, 3)
+    effect = make_comparison(content).effects[0].displacement_mm
+    np.testing.assert_allclose(shown, content.model.mean + 2 * effect, atol=0.01)
+
+
+def test_scores_are_drawn_over_groups_and_numbers(watched_page, file, content):
+    page = watched_page(file)
+    page.click("#tab-scores")
+    assert page.locator("#scores-charts .chart").count() == 4
+    points = page.locator("#scores-charts .chart").first.locator("circle")
+    assert points.count() == len(content.model.case_ids)
+    assert page.locator("#scores-charts .chart").first.locator(".mean").count() == 2
+    page.select_option("#scores-covariate", "1")
+    assert page.locator("#scores-charts .mean").count() == 0
+    drawn = page.locator("#scores-charts .chart").first.locator("circle")
+    across = [float(drawn.nth(i).get_attribute("cx")) for i in range(drawn.count())]
+    ages = make_comparison(content).covariates["age"]
+    assert np.corrcoef(across, ages)[0, 1] > 0.999
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_scrolls_sideways(watched_page, file, width, scheme):
+    page = watched_page(file, width, scheme)
+    for name in ("compare", "scores", "tests"):
+        page.click(f"#tab-{name}")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_users_text_is_never_code(watched_page, content, tmp_path):
+    bad = "</script><script>window.owned = 1</script><b id=owned>"
+    comparison = make_comparison(content)
+    hostile = dataclasses.replace(
+        comparison,
+        formula=bad,
+        remarks=(bad,),
+        effects=(dataclasses.replace(comparison.effects[0], name=bad),),
+        covariates=comparison.covariates.assign(sex=bad).rename(columns={"sex": bad}),
+        tables={bad: comparison.tables["Tests of the whole shape"].assign(term=bad)},
+    )
+    write_compare_page(hostile, content.model, tmp_path / "x.html", bad, False, SETTINGS)
+    page = watched_page(tmp_path / "x.html")
+    for name in ("scores", "tests", "compare"):
+        page.click(f"#tab-{name}")
+    assert page.evaluate("window.owned") is None
+    assert page.locator("#owned").count() == 0
+
+
+def test_parts_that_do_not_belong_together_are_refused(content):
+    comparison = make_comparison(content)
+    with pytest.raises(ValueError, match="8 rows of scores and 3 of covariates"):
+        dataclasses.replace(comparison, covariates=comparison.covariates.head(3))
+    with pytest.raises(ValueError, match="nothing to show"):
+        dataclasses.replace(comparison, effects=())
