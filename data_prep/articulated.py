@@ -17,7 +17,7 @@ from data_prep.articulated_body import BONES, rest_body
 from data_prep.articulated_pose import draw_pose, draw_stance
 from data_prep.articulated_settings import ArticulatedSettings
 from data_prep.articulated_skin import Build, person, posed
-from data_prep.matching_folder import MatchingSet
+from data_prep.matching_set import MatchingSet
 from data_prep.remeshing import nearest_vertices, remeshed, renumbered
 from ssm_pipeline.geometry.topology import directed_edges
 from ssm_pipeline.records import Mesh, StudyError

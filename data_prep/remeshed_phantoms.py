@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from data_prep.matching_folder import MatchingSet
+from data_prep.matching_set import MatchingSet
 from data_prep.remeshing import nearest_vertices, remeshed
 from ssm_pipeline.records import Mesh, PhantomTruth, StudyError
 

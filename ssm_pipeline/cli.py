@@ -153,12 +153,38 @@ def phantoms(
 
 @benchmark.command()
 def matching(
-    data: Annotated[Path, typer.Option("--data", help="Folder with off/ and corres/.")],
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder with off/ and corres/.", show_default=False),
+    ] = None,
+    built_in: Annotated[
+        str | None,
+        typer.Option(
+            "--built-in", help="articulated or articulated-shapes: figures made here.",
+            show_default=False,
+        ),
+    ] = None,
     preset: Annotated[
-        str, typer.Option(help="near-isometric, non-isometric, or a YAML.")
-    ] = "non-isometric",
-    train: Annotated[str | None, typer.Option(help="Shapes to train on, as 0:80.")] = None,
-    test: Annotated[str | None, typer.Option(help="Shapes to test on, as 80:100.")] = None,
+        str | None,
+        typer.Option(
+            help="faust, scape, shrec19, topkids, smal, dt4d-intra, dt4d-inter, or a YAML.",
+            show_default=False,
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(help="Rows, with commas: full, adaptation only …", show_default=False),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Training steps, fewer for a look.")
+    ] = None,
+    train: Annotated[
+        str | None, typer.Option(help="Shapes to train on: 0:80, train.txt, or dog,fox.")
+    ] = None,
+    test: Annotated[str | None, typer.Option(help="Shapes to test on, likewise.")] = None,
+    self_pairs: Annotated[
+        bool, typer.Option("--self-pairs", help="Count a shape's map to itself too.")
+    ] = False,
     checkpoint: Annotated[
         Path | None, typer.Option(help="A trained matcher.pt, instead of training.")
     ] = None,
@@ -167,25 +193,26 @@ def matching(
     device: Device = None,
 ) -> None:
     """Mean geodesic error on shapes with known correspondences, as the papers report it."""
+    from ssm_pipeline.commands.benchmark_shapes import benchmark_shapes, built_in_shapes
     from ssm_pipeline.commands.matching_benchmark import run_matching
-    from ssm_pipeline.commands.matching_benchmark_settings import parse_range, read_preset
+    from ssm_pipeline.commands.matching_benchmark_settings import read_benchmark_settings
     from ssm_pipeline.engine.process import chosen_device
     from ssm_pipeline.engine.terminal import Terminal
 
-    terminal = Terminal()
-    folder = runs / f"matching-{data.resolve().name}"
-    summary = run_matching(
-        data,
-        folder,
-        read_preset(preset, changes or []),
-        parse_range("--train", train),
-        parse_range("--test", test),
-        checkpoint,
-        chosen_device(device),
-        terminal,
+    settings = read_benchmark_settings(
+        data, built_in, preset, methods, steps, train, test, self_pairs, changes or []
     )
+    terminal = Terminal()
+    name = built_in or str(data and data.resolve().name)
+    folder = runs / f"matching-{name}"
+    shapes = (
+        benchmark_shapes(name, data, settings)
+        if data is not None
+        else built_in_shapes(name, folder / "shapes", settings, terminal)
+    )
+    summary = run_matching(shapes, folder, settings, checkpoint, chosen_device(device), terminal)
     terminal.say(summary.round(3).to_string(index=False))
-    terminal.say(f"tables and curve: {folder}")
+    terminal.say(f"tables and curves: {folder}")
 
 
 @app.command()

@@ -165,6 +165,20 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False)
+class KnownPair:
+    """Two shapes of a set whose true correspondence is known at some points.
+
+    x, y        their numbers in the set.
+    on_x, on_y  (Q,) int: vertex on_x[q] of x and on_y[q] of y are the same point.
+    """
+
+    x: int
+    y: int
+    on_x: np.ndarray
+    on_y: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class SpectralBasis:
     """Laplacian eigenpairs and operators of one mesh, centred and scaled to unit area.
 

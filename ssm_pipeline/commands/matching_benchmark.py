@@ -1,132 +1,216 @@
-"""`workflow benchmark matching`: train on part of a folder of shapes, test on another part."""
+"""`workflow benchmark matching`: train on some shapes, test on others, a row a method."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from data_prep.matching_folder import read_matching_folder
 from ssm_pipeline import storage
+from ssm_pipeline.commands.benchmark_files import BenchmarkFiles, key_of_mesh
+from ssm_pipeline.commands.benchmark_shapes import BenchmarkShapes
 from ssm_pipeline.commands.matching_benchmark_settings import MatchingBenchmarkSettings
-from ssm_pipeline.engine.keys import key_of, key_of_arrays
+from ssm_pipeline.commands.matching_cost import cost_in_words, seconds_a_pair, seconds_a_step
+from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.methods import WITHOUT_NETWORK
-from ssm_pipeline.records import Mesh, SpectralBasis, StudyError
+from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.stages.resumable_training import trained_matcher
+from ssm_pipeline.training.settings import TrainingSettings
+
+if TYPE_CHECKING:
+    from ssm_pipeline.evaluation.matching_benchmark import MatchingBenchmark
+
+_SPECTRAL_ONLY: PairMethod = "spectral only"  # the row whose network is trained on its own
 
 
 def run_matching(
-    data: Path,
+    shapes: BenchmarkShapes,
     folder: Path,
     settings: MatchingBenchmarkSettings,
-    train_range: range | None,
-    test_range: range | None,
     checkpoint: Path | None,
     device: str,
     terminal: Terminal,
 ) -> pd.DataFrame:
-    """summary.csv (a row as in the papers' tables), pairs.csv, pck.csv and pck.png in `folder`.
+    """summary.csv (rows as in the papers' tables), pairs.csv, pck.csv and pck.png in `folder`.
 
-    data        see `data_prep.matching_folder`; ranges count its shapes in natural order. Without
-                ranges all shapes are trained on and tested: said in the row's name.
-    checkpoint  a trained matcher (matcher.pt) to test instead of training one.
-    Spectral bases, the trained matcher and the geodesic matrices are kept in `folder`.
+    checkpoint  a trained matcher (matcher.pt) to test instead of training one; the row "spectral
+                only" has a network of its own all the same.
+    Spectral bases, trained matchers, geodesic distances and maps are kept in `folder`. Where test
+    shapes were trained on, the row's name says so.
     """
-    from ssm_pipeline.adaptation.correspond import correspond
-    from ssm_pipeline.evaluation.matching_benchmark import run_matching_benchmark
-    from ssm_pipeline.spectral.basis import spectral_basis
-    from ssm_pipeline.training.matcher import load_matcher
-
     keep_large_blocks()
-    shapes = read_matching_folder(data)
-    everything = range(len(shapes.meshes))
-    train_on, test_on = train_range or everything, test_range or everything
-    for name, wanted in (("--train", train_on), ("--test", test_on)):
-        if not wanted or wanted[-1] >= len(shapes.meshes):
-            raise StudyError(
-                f"{name} {wanted.start}:{wanted.stop} asked of {len(shapes.meshes)} shapes in "
-                f"{data}; give a range within 0:{len(shapes.meshes)}."
-            )
-
-    def basis(mesh: Mesh) -> SpectralBasis:
-        path = folder / "bases" / f"{key_of(_mesh_key(mesh), settings.spectral)}.npz"
-        if not path.exists():
-            storage.save(spectral_basis(mesh, settings.spectral), path)
-        return storage.load(SpectralBasis, path)
-
-    matcher_path, is_trained = checkpoint, settings.method not in WITHOUT_NETWORK
-    if matcher_path is None and is_trained:
-        meshes = [shapes.meshes[index] for index in train_on]
-        rests_on = ([_mesh_key(mesh) for mesh in meshes], settings.spectral, settings.training)
-        matcher_path = trained_matcher(
-            lambda: [basis(mesh) for mesh in meshes],
-            settings.training,
-            settings.seed,
-            device,
-            folder,
-            key_of(*rests_on, settings.seed),
-            "training",
-            terminal,
-        )
-    matcher = load_matcher(matcher_path, device) if matcher_path is not None else None
-
-    def predict(x: Mesh, y: Mesh) -> np.ndarray:
-        match = correspond(basis(y), basis(x), matcher, settings.adaptation, settings.method)
-        return match.nearest_vertex
-
-    def geodesics(mesh: Mesh) -> np.ndarray:
-        from ssm_pipeline.geometry.geodesics import geodesic_matrix
-
-        path = folder / "geodesics" / f"{key_of(_mesh_key(mesh))}.npy"
-        if not path.exists():
-            with storage.written_whole(path) as temporary:
-                np.save(temporary, geodesic_matrix(mesh.vertices, mesh.faces).astype(np.float32))
-        return np.load(path)
-
-    tested = shapes.subset(test_on)
-    trained_on = matcher.trained_on if matcher is not None and is_trained else ()
-    overlap = {mesh.case_id for mesh in tested.meshes} & set(trained_on)
-    seen = f" (trained on {len(overlap)} of the test shapes)" if overlap else ""
-    method: str = settings.method + seen
-    with terminal.steps("pairs", len(test_on) * (len(test_on) - 1)) as steps:
-        result = run_matching_benchmark(
-            tested.meshes,
-            tested.template_to_shape,
-            predict,
-            geodesics,
-            data.resolve().name,
-            method,
-            on_pair=lambda done, of: steps.advance_to(done),
-        )
-    tables = {"summary": result.summary, "pairs": result.pairs, "pck": result.curve}
+    _say_what_is_odd(shapes, terminal)
+    files = BenchmarkFiles(folder, settings.spectral)
+    _say_cost(shapes, files, settings, checkpoint, device, terminal)
+    results = []
+    for method in settings.methods:
+        predictor = _Predictor(shapes, files, settings, method, checkpoint, device, terminal)
+        results.append(_row(shapes, files, predictor, terminal))
+    tables = {
+        "summary": pd.concat([result.summary for result in results], ignore_index=True),
+        "pairs": pd.concat([result.pairs for result in results], ignore_index=True),
+        "pck": pd.concat([result.curve for result in results], ignore_index=True),
+    }
     for name, table in tables.items():
         with storage.written_whole(folder / f"{name}.csv") as temporary:
             table.to_csv(temporary, index=False)
-    _draw_curve(result.curve, result.summary, folder / "pck.png")
-    return result.summary
+    _draw_curves(tables["pck"], tables["summary"], folder / "pck.png")
+    return tables["summary"]
 
 
-def _mesh_key(mesh: Mesh) -> str:
-    """Hash of a mesh's shape; its name does not count."""
-    return key_of_arrays(mesh.vertices, mesh.faces)
+def _row(
+    shapes: BenchmarkShapes, files: BenchmarkFiles, predictor: _Predictor, terminal: Terminal
+) -> MatchingBenchmark:
+    from ssm_pipeline.evaluation.matching_benchmark import run_matching_benchmark
+
+    with terminal.steps(predictor.method, len(shapes.pairs)) as steps:
+        return run_matching_benchmark(
+            shapes.meshes,
+            shapes.pairs,
+            predictor.predict,
+            files.geodesics,
+            shapes.name,
+            predictor.method + predictor.seen(),
+            on_pair=lambda done, of: steps.advance_to(done),
+        )
 
 
-def _draw_curve(curve: pd.DataFrame, summary: pd.DataFrame, path: Path) -> None:
+class _Predictor:
+    """One method's maps: from its network, trained when first needed, or from the folder."""
+
+    def __init__(
+        self,
+        shapes: BenchmarkShapes,
+        files: BenchmarkFiles,
+        settings: MatchingBenchmarkSettings,
+        method: PairMethod,
+        checkpoint: Path | None,
+        device: str,
+        terminal: Terminal,
+    ) -> None:
+        from ssm_pipeline.training.matcher import load_matcher
+
+        self.shapes, self.files, self.settings, self.method = shapes, files, settings, method
+        self.matcher, rests_on = None, ""
+        if method not in WITHOUT_NETWORK:
+            path = matcher_path(shapes, files, settings, method, checkpoint)
+            if path != checkpoint:
+                training = training_of(settings, method)
+                trained_matcher(
+                    lambda: [files.basis(shapes.meshes[index]) for index in shapes.train],
+                    training,
+                    settings.seed,
+                    device,
+                    files.folder,
+                    path.stem.removeprefix("matcher-"),
+                    "training on the spectral loss alone"
+                    if method == _SPECTRAL_ONLY
+                    else "training",
+                    terminal,
+                )
+            self.matcher, rests_on = load_matcher(path, device), key_of_files([path])
+        self.key = key_of(method, settings.spectral, settings.adaptation, settings.seed, rests_on)
+
+    def predict(self, x: Mesh, y: Mesh) -> np.ndarray:
+        return self.files.map(x, y, self.key, lambda: self._matched(x, y))
+
+    def seen(self) -> str:
+        """` (trained on 3 of the test shapes)`, or nothing."""
+        if self.matcher is None:
+            return ""
+        tested = {self.shapes.meshes[index].case_id for index in self.shapes.test}
+        overlap = tested & set(self.matcher.trained_on)
+        return f" (trained on {len(overlap)} of the test shapes)" if overlap else ""
+
+    def _matched(self, x: Mesh, y: Mesh) -> np.ndarray:
+        from ssm_pipeline.adaptation.correspond import correspond
+
+        bases = self.files.basis(y), self.files.basis(x)
+        match = correspond(*bases, self.matcher, self.settings.adaptation, self.method)
+        return match.nearest_vertex
+
+
+def training_of(settings: MatchingBenchmarkSettings, method: PairMethod) -> TrainingSettings:
+    return settings.training.spectral_only() if method == _SPECTRAL_ONLY else settings.training
+
+
+def matcher_path(
+    shapes: BenchmarkShapes,
+    files: BenchmarkFiles,
+    settings: MatchingBenchmarkSettings,
+    method: PairMethod,
+    checkpoint: Path | None,
+) -> Path:
+    """Where a method's matcher lies, or will lie once trained."""
+    if checkpoint is not None and method != _SPECTRAL_ONLY:
+        return checkpoint
+    meshes = [key_of_mesh(shapes.meshes[index]) for index in shapes.train]
+    key = key_of(meshes, settings.spectral, training_of(settings, method), settings.seed)
+    return files.folder / f"matcher-{key}.pt"
+
+
+def _say_cost(
+    shapes: BenchmarkShapes,
+    files: BenchmarkFiles,
+    settings: MatchingBenchmarkSettings,
+    checkpoint: Path | None,
+    device: str,
+    terminal: Terminal,
+) -> None:
+    """Nothing where all matchers are trained: what is left is a matter of pairs."""
+    networks = [method for method in settings.methods if method not in WITHOUT_NETWORK]
+    paths = {matcher_path(shapes, files, settings, method, checkpoint) for method in networks}
+    missing = [path for path in paths if not path.exists()]
+    if checkpoint in missing:
+        raise StudyError(f"--checkpoint {checkpoint}: there is no such file.")
+    if not missing:
+        return
+    if len(shapes.train) < 2:
+        raise StudyError(
+            f"training needs at least 2 shapes; --train leaves {len(shapes.train)}. Give more, or "
+            "a trained matcher by --checkpoint."
+        )
+    terminal.say("measuring two steps and one pair …")
+    x, y = (files.basis(shapes.meshes[index]) for index in shapes.train[:2])
+    step_s, trial = seconds_a_step(x, y, settings.training, device)
+    pair_s = seconds_a_pair(x, y, trial, settings.adaptation, settings.methods)
+    pairs: dict[str, int] = {method: len(shapes.pairs) for method in settings.methods}
+    terminal.say(cost_in_words(len(missing), settings.training.steps, step_s, pairs, pair_s))
+
+
+def _say_what_is_odd(shapes: BenchmarkShapes, terminal: Terminal) -> None:
+    from ssm_pipeline.geometry.geodesics import bridges
+
+    for index in shapes.test:
+        mesh = shapes.meshes[index]
+        apart = len(bridges(mesh.vertices, mesh.faces))
+        if apart:
+            terminal.say(
+                f"{mesh.case_id} has {apart} pieces or single vertices apart from its largest "
+                "piece; distances to them go straight across the gap"
+            )
+
+
+def _draw_curves(curves: pd.DataFrame, summary: pd.DataFrame, path: Path) -> None:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4, 3), layout="constrained")
+    figure = Figure(figsize=(5, 3.5), layout="constrained")
     axes = figure.add_subplot()
-    row = summary.iloc[0]
-    axes.plot(curve["threshold"], 100 * curve["share"], label=f"{row.method}: AUC {row.auc:.3f}")
+    for row in summary.itertuples():
+        curve = curves[curves["method"] == row.method]
+        label = f"{row.method}: {row.mean_geodesic_error_x100:.2f}, AUC {row.auc:.3f}"
+        axes.plot(curve["threshold"], 100 * curve["share"], label=label)
+    first = summary.iloc[0]
     axes.set(
         xlabel="geodesic error / √area",
         ylabel="correct points (%)",
-        title=f"{row.benchmark}, {row.pairs} pairs",
+        title=f"{first.benchmark}, {first.pairs} pairs",
         ylim=(0, 101),
     )
-    axes.legend()
+    axes.legend(fontsize="small")
     with storage.written_whole(path) as temporary:
         figure.savefig(temporary, dpi=200)

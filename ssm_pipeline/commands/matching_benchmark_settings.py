@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Literal, get_args
 
 from pydantic import Field
 
+from data_prep.articulated_settings import ArticulatedSettings
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.methods import PairMethod
 from ssm_pipeline.records import StudyError
@@ -16,6 +18,12 @@ from ssm_pipeline.settings import Settings
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_change, read_yaml
 from ssm_pipeline.training.settings import TrainingSettings
+
+BUILT_IN = ("articulated", "articulated-shapes")  # each with a preset of its name
+# Not the row that trains a network of its own, nor rigid alignment: given by --methods.
+DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
+    method for method in get_args(PairMethod) if method not in ("spectral only", "nearest point")
+)
 
 
 class MatchingBenchmarkSettings(Settings):
@@ -25,26 +33,57 @@ class MatchingBenchmarkSettings(Settings):
     spectral: SpectralSettings = SpectralSettings()
     training: TrainingSettings = TrainingSettings()
     adaptation: AdaptationSettings = AdaptationSettings()
-    method: PairMethod = "full"  # full, or one of its ablations
+    methods: tuple[PairMethod, ...] = Field(DEFAULT_METHODS, min_length=1)  # a row each
+    train: str = ""  # shapes, as 0:80, train_cat.txt or dog,fox; empty: all
+    test: str = ""  # the same
+    leave_out: tuple[str, ...] = ()  # shapes or categories, by name
+    between: Literal["all", "within categories", "between categories"] = "all"  # pairs counted
+    self_pairs: bool = False  # count a shape's map to itself, as the literature's code does
+    built_in: ArticulatedSettings = ArticulatedSettings()  # of --built-in shapes alone
 
 
-def read_preset(name: str, changes: Sequence[str] = ()) -> MatchingBenchmarkSettings:
-    """A preset by name, or a YAML's path, with `--set` changes. Raises StudyError."""
+def read_benchmark_settings(
+    data: Path | None,
+    built_in: str | None,
+    preset: str | None,
+    methods: str | None,
+    steps: int | None,
+    train: str | None,
+    test: str | None,
+    self_pairs: bool,
+    changes: Sequence[str] = (),
+) -> MatchingBenchmarkSettings:
+    """The command line's options laid over its preset's. Raises StudyError."""
+    if (data is None) == (built_in is None):
+        raise StudyError(
+            f"give either --data FOLDER or --built-in {' or '.join(BUILT_IN)}, one of them."
+        )
+    if built_in is not None and built_in not in BUILT_IN:
+        raise StudyError(f"--built-in {built_in}: only {' and '.join(BUILT_IN)} are built in.")
+    options: dict[str, object] = {
+        "methods": [name.strip() for name in methods.split(",")] if methods else None,
+        "training": {"steps": steps} if steps else None,
+        "train": train,
+        "test": test,
+        "self_pairs": self_pairs or None,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    return read_preset(preset or built_in or "non-isometric", changes, given)
+
+
+def read_preset(
+    name: str, changes: Sequence[str] = (), options: Mapping[str, object] | None = None
+) -> MatchingBenchmarkSettings:
+    """A preset by name, or a YAML's path, with `--set` changes and other options over it.
+
+    Raises StudyError.
+    """
     path = Path(name) if name.endswith((".yaml", ".yml")) else _presets().get(name)
     if path is None or not path.is_file():
         raise StudyError(f"there is no preset {name}; known: {', '.join(_presets())}.")
-    content = functools.reduce(merge, map(parse_change, changes), read_yaml(path))
+    over = [*map(parse_change, changes), options or {}]
+    content = functools.reduce(merge, over, read_yaml(path))
     return checked_as(MatchingBenchmarkSettings, content, path)
-
-
-def parse_range(option: str, text: str | None) -> range | None:
-    """`80:100` → range(80, 100). Raises StudyError."""
-    if text is None:
-        return None
-    start, colon, stop = text.partition(":")
-    if not (colon and start.isdigit() and stop.isdigit() and int(start) < int(stop)):
-        raise StudyError(f"{option} {text}: a range such as 80:100 is needed, its end left out.")
-    return range(int(start), int(stop))
 
 
 def _presets() -> dict[str, Path]:

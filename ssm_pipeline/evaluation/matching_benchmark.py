@@ -16,7 +16,7 @@ import pandas as pd
 
 from ssm_pipeline.evaluation.matching_quality import area_under_curve, geodesic_errors, pck_curve
 from ssm_pipeline.geometry.surface import area
-from ssm_pipeline.records import CaseError, Mesh, StudyError
+from ssm_pipeline.records import CaseError, KnownPair, Mesh, StudyError
 
 Predict = Callable[[Mesh, Mesh], np.ndarray]  # (x, y) → y_to_x (V_y,) int
 Geodesics = Callable[[Mesh], np.ndarray]  # (V, V), the mesh's unit
@@ -26,9 +26,10 @@ Geodesics = Callable[[Mesh], np.ndarray]  # (V, V), the mesh's unit
 class MatchingBenchmark:
     """summary  one row, comparable to a column of the papers' tables: benchmark, method, shapes,
              pairs, mean_geodesic_error_x100 (over √area), standard_error_x100 (over the pairs),
-             auc (0 … 1).
-    pairs    a row a pair: x, y, mean_geodesic_error_x100, median_geodesic_error_x100, auc.
-    curve    threshold (over √area), share (0 … 1) of correct points, mean over the pairs."""
+             pck_at_5_x100 (0 … 1: share of points with an error of at most 5), auc (0 … 1).
+    pairs    a row a pair: method, x, y, mean_geodesic_error_x100, median_geodesic_error_x100, auc.
+    curve    method, threshold (over √area), share (0 … 1) of correct points, mean over the
+             pairs."""
 
     summary: pd.DataFrame
     pairs: pd.DataFrame
@@ -37,58 +38,58 @@ class MatchingBenchmark:
 
 def run_matching_benchmark(
     meshes: Sequence[Mesh],
-    template_to_shape: Sequence[np.ndarray],
+    known: Sequence[KnownPair],
     predict: Predict,
     geodesics: Geodesics,
     benchmark: str,
     method: str,
-    with_self_pairs: bool = False,
     on_pair: Callable[[int, int], None] | None = None,
 ) -> MatchingBenchmark:
-    """Match all ordered pairs (x, y) of the meshes and measure the errors on x.
+    """Match the pairs (x, y) of the meshes whose truth is known and measure the errors on x.
 
-    template_to_shape  per mesh (R,) int from 0: its vertex for each template vertex.
-    predict            (x, y) → y_to_x (V_y,): for each vertex of y the matching vertex of x.
-    geodesics          the distances of one mesh; asked once a mesh, so a cache isn't needed.
-    with_self_pairs    count a shape's map to itself too. Public code of this line of work
-                       (URSSM and after) does, which flatters: 1 pair in 20 for 20 shapes.
-    on_pair            called with how many pairs are done, and of how many.
+    known      the pairs. Public code of this line of work (URSSM and after) counts a shape's map
+               to itself too, which flatters: 1 pair in 20 for 20 shapes.
+    predict    (x, y) → y_to_x (V_y,): for each vertex of y the matching vertex of x.
+    geodesics  the distances of one mesh; asked once a mesh if the pairs are in the order of x, so
+               a cache isn't needed.
+    on_pair    called with how many pairs are done, and of how many.
 
-    The error of template vertex r is the geodesic on x between y_to_x[vts_y[r]] and vts_x[r].
-    Raises StudyError for fewer than two shapes or templates of different length, CaseError for a
-    map that isn't one vertex of x a vertex of y, or a mesh in several pieces.
+    The error of a known point is the geodesic on x between y_to_x[on_y] and on_x.
+    Raises StudyError without pairs, CaseError for a map that isn't one vertex of x a vertex of y,
+    or where no path joins the match to the truth.
     """
-    _check(meshes, template_to_shape)
-    names = [mesh.case_id for mesh in meshes]
-    count = len(meshes)
-    total = count * (count if with_self_pairs else count - 1)
+    if not known:
+        raise StudyError(
+            "there is no pair of test shapes whose correspondence is known; a matching benchmark "
+            "needs one at least. Choose other test shapes."
+        )
     rows, curves = [], []
-    for x, y, distances in _pairs(meshes, geodesics, with_self_pairs):
-        y_to_x = _checked_map(predict(meshes[x], meshes[y]), meshes[x], meshes[y])
+    for pair, distances in _with_distances(meshes, known, geodesics):
+        x, y = meshes[pair.x], meshes[pair.y]
+        y_to_x = _checked_map(predict(x, y), x, y)
         errors = geodesic_errors(
-            y_to_x[template_to_shape[y]],
-            template_to_shape[x],
-            distances,
-            area(meshes[x].vertices, meshes[x].faces),
+            y_to_x[pair.on_y], pair.on_x, distances, area(x.vertices, x.faces)
         )
         if not np.isfinite(errors).all():
             raise CaseError(
-                names[x],
-                f"the map from {names[y]} sends a point to another piece of the surface, which no "
-                "path reaches. Leave the shape out, or connect its pieces.",
+                x.case_id,
+                f"the map from {y.case_id} sends a point to another piece of the surface, which "
+                "no path reaches. Leave the shape out, or connect its pieces.",
             )
         rows.append(
             {
-                "x": names[x],
-                "y": names[y],
+                "method": method,
+                "x": x.case_id,
+                "y": y.case_id,
                 "mean_geodesic_error_x100": 100 * errors.mean(),
                 "median_geodesic_error_x100": 100 * float(np.median(errors)),
+                "pck_at_5_x100": float((errors <= 0.05).mean()),
                 "auc": area_under_curve(errors),
             }
         )
         curves.append(pck_curve(errors))
         if on_pair:
-            on_pair(len(rows), total)
+            on_pair(len(rows), len(known))
     pairs = pd.DataFrame(rows)
     means = pairs["mean_geodesic_error_x100"]
     summary = pd.DataFrame(
@@ -96,40 +97,31 @@ def run_matching_benchmark(
             {
                 "benchmark": benchmark,
                 "method": method,
-                "shapes": count,
-                "pairs": total,
+                "shapes": len({shape for pair in known for shape in (pair.x, pair.y)}),
+                "pairs": len(known),
                 "mean_geodesic_error_x100": means.mean(),
-                "standard_error_x100": means.std(ddof=1) / np.sqrt(total),
+                "standard_error_x100": means.std(ddof=1) / np.sqrt(len(known)),
+                "pck_at_5_x100": pairs["pck_at_5_x100"].mean(),
                 "auc": pairs["auc"].mean(),
             }
         ]
     )
-    # Every pair has as many points, so the mean of the curves is the curve of all points.
-    curve = curves[0].assign(share=np.mean([one["share"] for one in curves], axis=0))
+    # Every pair counts alike, however many of its points are known.
+    share = np.mean([one["share"] for one in curves], axis=0)
+    curve = curves[0].assign(share=share)
+    curve.insert(0, "method", method)
     return MatchingBenchmark(summary, pairs, curve)
 
 
-def _pairs(
-    meshes: Sequence[Mesh], geodesics: Geodesics, with_self_pairs: bool
-) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Ordered pairs with the distances on x; one matrix at a time is held."""
-    for x in range(len(meshes)):
-        distances = geodesics(meshes[x])
-        for y in range(len(meshes)):
-            if x != y or with_self_pairs:
-                yield x, y, distances
-
-
-def _check(meshes: Sequence[Mesh], template_to_shape: Sequence[np.ndarray]) -> None:
-    if len(meshes) < 2:
-        raise StudyError(f"a matching benchmark needs at least 2 shapes; {len(meshes)} given.")
-    for mesh, vertices in zip(meshes, template_to_shape, strict=True):
-        if len(vertices) != len(template_to_shape[0]):
-            raise StudyError(
-                f"{mesh.case_id} has correspondences for {len(vertices)} template vertices, "
-                f"{meshes[0].case_id} for {len(template_to_shape[0])}; all shapes of a set need "
-                "the same template. Run its categories one by one."
-            )
+def _with_distances(
+    meshes: Sequence[Mesh], known: Sequence[KnownPair], geodesics: Geodesics
+) -> Iterator[tuple[KnownPair, np.ndarray]]:
+    """The pairs with the distances on x; one matrix at a time is held."""
+    x, distances = -1, np.empty(0)
+    for pair in known:
+        if pair.x != x:
+            x, distances = pair.x, geodesics(meshes[pair.x])
+        yield pair, distances
 
 
 def _checked_map(y_to_x: np.ndarray, x: Mesh, y: Mesh) -> np.ndarray:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry.closest_point import ClosestPoints
 from ssm_pipeline.geometry.topology import directed_edges, opposite_edges
@@ -38,6 +39,7 @@ def straight_line_graph(
     opposite = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
     across = opposite_edges(faces)
     lengths = np.linalg.norm(vertices[halfedges[:, 1]] - vertices[halfedges[:, 0]], axis=1)
+    lengths = np.maximum(lengths, 1e-12 * lengths.max())  # vertices in the same place are two
 
     rows, columns, weights = [halfedges[:, 0]], [halfedges[:, 1]], [lengths]
     # A window is what a source sees through an edge a → b. In the plane of the unfolded strip a is
@@ -82,14 +84,44 @@ def geodesics_from(
     return dijkstra(graph, directed=True, indices=np.asarray(sources), limit=limit)
 
 
-def geodesic_matrix(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, V) float32 distances between all vertices, symmetric; inf between components."""
+def geodesic_matrix(
+    vertices: np.ndarray, faces: np.ndarray, across_gaps: bool = False
+) -> np.ndarray:
+    """(V, V) float32 distances between all vertices, symmetric; inf between components.
+
+    across_gaps  join the components by `bridges`, so that every distance is finite.
+    """
     graph = straight_line_graph(vertices, faces)
+    if across_gaps:
+        a, b = bridges(vertices, faces).T
+        lengths = np.linalg.norm(vertices[a] - vertices[b], axis=1)
+        lengths = np.maximum(lengths, 1e-12 * np.ptp(vertices))  # 0 would be no edge
+        gaps = sp.csr_matrix((lengths, (a, b)), shape=graph.shape)
+        graph = (graph + gaps + gaps.T).tocsr()
     matrix = np.empty((len(vertices), len(vertices)), dtype=np.float32)
     for start in range(0, len(vertices), _CHUNK):
         chunk = np.arange(start, min(start + _CHUNK, len(vertices)))
         matrix[chunk] = dijkstra(graph, directed=True, indices=chunk)
     return matrix
+
+
+def bridges(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(B, 2) int pairs of vertices: the shortest straight lines from each other component, and
+    each vertex without triangles, to the component with the most vertices. None: one component.
+    """
+    edges = directed_edges(faces)
+    shape = (len(vertices), len(vertices))
+    graph = sp.coo_matrix((np.ones(len(edges), bool), edges.T), shape=shape)
+    count, piece = connected_components(graph, directed=False)
+    main = np.bincount(piece).argmax()
+    on_main = np.flatnonzero(piece == main)
+    away = np.flatnonzero(piece != main)
+    if count == 1:
+        return np.empty((0, 2), dtype=np.int64)
+    distance, nearest = cKDTree(vertices[on_main]).query(vertices[away])
+    order = np.lexsort((distance, piece[away]))
+    _, first = np.unique(piece[away][order], return_index=True)
+    return np.stack([away[order][first], on_main[nearest[order][first]]], axis=1)
 
 
 def geodesics_between(

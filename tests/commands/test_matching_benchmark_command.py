@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from command_line import Workflow
+from command_line import Said, Workflow
 
 from data_prep.matching_folder import read_matching_folder, write_matching_folder
 from data_prep.phantom_settings import PhantomSettings
 from data_prep.remeshed_phantoms import remeshed_phantoms
 from data_prep.smooth_phantoms import draw
+from ssm_pipeline.commands.matching_benchmark_settings import read_preset
 from ssm_pipeline.geometry.surface import area
 
 TINY = (
@@ -46,46 +47,79 @@ def words(lungs: Path, runs: Path, *changes: str) -> list[str]:
     return ["benchmark", "matching", "--data", str(lungs), "--runs", str(runs), *settings]
 
 
+def tables(said: Said) -> str:
+    """What is said but for the cost, which differs from call to call."""
+    lines = said.stdout.splitlines()
+    return "\n".join(line for line in lines if "about" not in line and "measuring" not in line)
+
+
 def test_trains_on_one_part_and_tests_on_another(workflow: Workflow, lungs: Path, runs: Path):
-    said = workflow(*words(lungs, runs), "--train", "0:3", "--test", "2:4")
+    options = ("--train", "0:3", "--test", "2:4", "--methods", "full, adaptation only")
+    said = workflow(*words(lungs, runs), *options)
     assert said.code == 0, said.stderr
     folder = runs / "matching-lungs"
-    assert f"tables and curve: {folder}" in said.stdout
+    assert f"tables and curves: {folder}" in said.stdout
+    cost = r"about .* here: training, 3 steps of .*; full, 2 pairs of .*; adaptation only, 2 pairs"
+    assert re.search(cost, said.stdout)
     assert (folder / "pck.png").read_bytes().startswith(b"\x89PNG")
     (matcher,) = folder.glob("matcher-*.pt")
     assert not list(folder.glob("checkpoint-*.pt"))
-    row = pd.read_csv(folder / "summary.csv").iloc[0]
-    assert row["method"] == "full (trained on 1 of the test shapes)"
-    assert (row["shapes"], row["pairs"]) == (2, 2)
+    summary = pd.read_csv(folder / "summary.csv")
+    trained = "full (trained on 1 of the test shapes)"
+    assert summary["method"].tolist() == [trained, "adaptation only"]
+    assert (summary["shapes"].tolist(), summary["pairs"].tolist()) == ([2, 2], [2, 2])
     pairs = pd.read_csv(folder / "pairs.csv")
     assert set(pairs["x"]) == {"phantom.002", "phantom.003"}
-    assert row["mean_geodesic_error_x100"] == pytest.approx(pairs.mean_geodesic_error_x100.mean())
-    curve = pd.read_csv(folder / "pck.csv")
-    assert curve["share"].is_monotonic_increasing
-    assert 0 <= curve["share"].iloc[0] <= curve["share"].iloc[-1] <= 1
+    means = pairs.groupby("method", sort=False)["mean_geodesic_error_x100"].mean()
+    assert summary["mean_geodesic_error_x100"].tolist() == pytest.approx(means.tolist())
+    curves = pd.read_csv(folder / "pck.csv")
+    for _, curve in curves.groupby("method"):
+        assert curve["share"].is_monotonic_increasing
+        assert 0 <= curve["share"].iloc[0] <= curve["share"].iloc[-1] <= 1
+    assert set(curves["method"]) == set(summary["method"])
 
-    # The same again reads the matcher; one given by --checkpoint is used as it is.
-    stamp = matcher.stat().st_mtime_ns
-    again = workflow(*words(lungs, runs), "--train", "0:3", "--test", "2:4")
-    assert (again.stdout, matcher.stat().st_mtime_ns) == (said.stdout, stamp)
-    options = ("--checkpoint", str(matcher), "--test", "2:4")
-    given = workflow(*words(lungs, runs, "training.steps=50"), *options)
-    assert given.stdout == said.stdout  # 50 steps were not trained
+    # The same again reads matcher and maps; a matcher given by --checkpoint is used as it is.
+    stamps = {path: path.stat().st_mtime_ns for path in (matcher, *folder.glob("maps/*/*.npy"))}
+    assert len(stamps) == 1 + 2 * 2
+    again = workflow(*words(lungs, runs), *options)
+    assert tables(again) == tables(said) == again.stdout.strip()
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in stamps.items())
+    longer = words(lungs, runs, "training.steps=50")
+    given = workflow(*longer, "--checkpoint", str(matcher), *options)
+    assert given.stdout == again.stdout  # 50 steps were not trained
     assert list(folder.glob("matcher-*.pt")) == [matcher]
+
+
+def test_the_row_spectral_only_has_a_network_of_its_own(
+    workflow: Workflow, lungs: Path, runs: Path
+):
+    """Beside a matcher that is given, it alone is trained."""
+    options = ("--train", "0:2", "--test", "2:4", "--self-pairs", "--steps", "2")
+    folder = runs / "matching-lungs"
+    before = set(folder.glob("matcher-*.pt"))
+    said = workflow(*words(lungs, runs), *options, "--methods", "spectral only")
+    assert said.code == 0, said.stderr
+    (spectral,) = set(folder.glob("matcher-*.pt")) - before
+    row = pd.read_csv(folder / "summary.csv").iloc[0]
+    assert (row["method"], row["pairs"]) == ("spectral only", 4)  # two of them self-pairs
+    both = workflow(*words(lungs, runs), *options, "--methods", "spectral only,without adaptation")
+    assert both.code == 0, both.stderr
+    assert len(set(folder.glob("matcher-*.pt")) - before - {spectral}) == 1
 
 
 def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
     workflow: Workflow, lungs: Path, runs: Path
 ):
     """Rigid alignment and adaptation: near on phantoms that lie as scanned, no network needed."""
-    said = workflow(*words(lungs, runs, "method=adaptation only"), "--test", "0:3")
+    options = ("--methods", "adaptation only", "--test", "0:3")
+    said = workflow(*words(lungs, runs), *options)
     assert said.code == 0, said.stderr
     folder = runs / "matching-lungs"
     row = pd.read_csv(folder / "summary.csv").iloc[0]
     assert row["method"] == "adaptation only"  # nothing was trained, so nothing was seen
     assert row["pairs"] == 6
     shapes = read_matching_folder(lungs)
-    mesh, vertices = shapes.meshes[0], shapes.template_to_shape[0]
+    mesh, vertices = shapes.meshes[0], shapes.known_pairs([0, 1])[0].on_x
     anywhere = np.random.default_rng(0).permutation(vertices)
     apart = np.linalg.norm(mesh.vertices[vertices] - mesh.vertices[anywhere], axis=1).mean()
     chance = 100 * apart / np.sqrt(area(mesh.vertices, mesh.faces))  # straight: geodesics are more
@@ -95,17 +129,56 @@ def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
     assert row["mean_geodesic_error_x100"] > edge / 4
 
 
-def test_ranges_outside_the_folder_or_of_another_form_are_refused(
-    workflow: Workflow, lungs: Path, runs: Path
-):
+def test_figures_that_are_built_in(workflow: Workflow, runs: Path):
+    """Made once, in the literature's layout; other settings make others."""
+    few = (
+        "built_in={training_shapes: 2, test_shapes: 2, persons: 1, vertices: 600}",
+        "built_in.template_vertices=500",
+    )
+    changes = [word for change in (*TINY, *few) for word in ("--set", change)]
+    call = ["benchmark", "matching", "--built-in", "articulated", "--runs", str(runs), *changes]
+    said = workflow(*call, "--methods", "nearest point")
+    assert said.code == 0, said.stderr
+    folder = runs / "matching-articulated"
+    figures = sorted(folder.glob("shapes/off/*.off"))
+    assert len(figures) == 4
+    row = pd.read_csv(folder / "summary.csv").iloc[0]
+    assert (row["benchmark"], row["shapes"], row["pairs"]) == ("articulated", 2, 2)
+    # Rigid alignment of people in other poses is far off, yet not as far as chance.
+    assert 3 < row["mean_geodesic_error_x100"] < 60
+    stamps = [path.stat().st_mtime_ns for path in figures]
+    assert workflow(*call, "--methods", "nearest point").stdout == said.stdout
+    assert [path.stat().st_mtime_ns for path in figures] == stamps
+    assert workflow(*call, "--methods", "nearest point", "--set", "built_in.seed=5").code == 0
+    assert [path.stat().st_mtime_ns for path in figures] != stamps
+
+
+def test_every_preset_is_read():
+    folder = Path(__file__).parents[2] / "workflows" / "benchmarks"
+    names = {path.stem for path in folder.glob("*.yaml")}
+    literature = {"faust", "scape", "shrec19", "topkids", "smal", "dt4d-intra", "dt4d-inter"}
+    assert literature | {"articulated", "articulated-shapes"} <= names
+    for name in names:
+        assert read_preset(name).training.steps >= 500
+    assert read_preset("dt4d-inter").between == "between categories"
+    assert read_preset("articulated-shapes").built_in.family == "non-isometric"
+
+
+def test_what_can_not_be_done_is_refused(workflow: Workflow, lungs: Path, runs: Path):
     for options, expected in (
         (("--test", "2:5"), r"--test 2:5 asked of 4 shapes in .*; give a range within 0:4"),
         (("--train", "4:6"), r"--train 4:6 asked of 4 shapes"),
-        (("--train", "3"), r"--train 3: a range such as 80:100 is needed"),
+        (("--train", "3"), r"--train 3: no shape's name begins with 3; the first is phantom.000"),
         (("--test", "3:3"), r"--test 3:3: a range such as 80:100 is needed"),
-        (("--preset", "isometric"), r"no preset isometric; known: near-isometric, non-isometric"),
-        (("--set", "method=S3M"), r"method: Input should be 'full', 'without adaptation'"),
+        (("--train", "0:1"), r"training needs at least 2 shapes; --train leaves 1"),
+        (("--test", "0:1"), r"no pair of test shapes"),
+        (("--checkpoint", "x.pt"), r"--checkpoint x.pt: there is no such file"),
+        (("--preset", "isometric"), r"no preset isometric; known: .*near-isometric, non-isometric"),
+        (("--methods", "S3M"), r"methods.0: Input should be 'full'"),
+        (("--built-in", "articulated"), r"give either --data FOLDER or --built-in"),
     ):
         said = workflow(*words(lungs, runs), *options)
         assert said.code == 1, options
         assert re.search(expected, said.stderr), said.stderr
+    said = workflow("benchmark", "matching", "--built-in", "animals")
+    assert "only articulated and articulated-shapes are built in" in said.stderr

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from data_prep.matching_folder import read_matching_folder, write_matching_folder
+from data_prep.matching_set import MatchingSet
 from ssm_pipeline.evaluation.matching_benchmark import MatchingBenchmark, run_matching_benchmark
 from ssm_pipeline.geometry.geodesics import geodesic_matrix
 from ssm_pipeline.geometry.surface import area
@@ -39,8 +40,10 @@ def true_map(x: Mesh, y: Mesh) -> np.ndarray:
     return np.asarray((directions[1] @ directions[0].T).argmax(axis=1))
 
 
-def run(meshes, orders, predict, **options) -> MatchingBenchmark:
-    return run_matching_benchmark(meshes, orders, predict, distances, "balls", "m", **options)
+def run(meshes, orders, predict, with_self_pairs=False, **options) -> MatchingBenchmark:
+    shapes = MatchingSet(tuple(meshes), tuple(orders))
+    known = shapes.known_pairs(range(len(meshes)), with_self_pairs)
+    return run_matching_benchmark(meshes, known, predict, distances, "balls", "m", **options)
 
 
 def test_the_true_map_has_no_error() -> None:
@@ -49,6 +52,7 @@ def test_the_true_map_has_no_error() -> None:
     assert (row["benchmark"], row["method"], row["shapes"], row["pairs"]) == ("balls", "m", 3, 6)
     assert row["mean_geodesic_error_x100"] == 0
     assert row["auc"] == pytest.approx(1)
+    assert row["pck_at_5_x100"] == 1
     assert (result.curve["share"] == 1).all()
     assert list(zip(result.pairs["x"], result.pairs["y"], strict=True))[:3] == [
         ("ball0", "ball1"),
@@ -126,7 +130,7 @@ def test_files_that_count_from_one_give_the_same_result(tmp_path: Path) -> None:
 
 def test_bad_input_is_named() -> None:
     meshes, orders = renumbered_balls(2)
-    with pytest.raises(StudyError, match="at least 2 shapes; 1 given"):
+    with pytest.raises(StudyError, match="no pair of test shapes whose correspondence is known"):
         run(meshes[:1], orders[:1], true_map)
     with pytest.raises(StudyError, match="ball1 has correspondences for 9 template vertices"):
         run(meshes, [orders[0], orders[1][:9]], true_map)

@@ -5,6 +5,7 @@ import trimesh
 
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.geodesics import (
+    bridges,
     geodesic_matrix,
     geodesics_between,
     geodesics_from,
@@ -127,3 +128,26 @@ def test_between_components_is_infinite(sphere):
     found = geodesics_between(*two, start, end)
     assert np.isinf(found[0])
     assert found[1] == pytest.approx(np.pi / 2, rel=0.02)
+
+
+def test_pieces_and_loose_vertices_are_reached_straight_across_the_gap() -> None:
+    """Two balls, a vertex no triangle uses, and one in the same place as another."""
+    ball = trimesh.creation.icosphere(2)
+    small = trimesh.creation.icosphere(0)
+    loose = np.array([[0.0, 0, 1.5], ball.vertices[7]])
+    vertices = np.concatenate([ball.vertices, small.vertices * 0.1 + [1.3, 0, 0], loose])
+    faces = np.concatenate([ball.faces, small.faces + len(ball.vertices)])
+    pairs = bridges(vertices, faces)
+    assert len(pairs) == 3  # a piece and two vertices
+    assert np.isinf(geodesic_matrix(vertices, faces)).any()
+    matrix = geodesic_matrix(vertices, faces, across_gaps=True)
+    assert np.isfinite(matrix).all()
+    assert matrix == pytest.approx(matrix.T)
+    own = slice(0, len(ball.vertices))
+    assert matrix[own, own] == pytest.approx(geodesic_matrix(ball.vertices, ball.faces))
+    assert matrix[-1, 7] == pytest.approx(0, abs=1e-9)
+    gap = np.linalg.norm(ball.vertices - loose[0], axis=1)
+    assert matrix[-2, gap.argmin()] == pytest.approx(gap.min(), rel=1e-6)
+    # To the small ball's far side: the gap, then half way round it.
+    assert 0.2 < matrix[len(ball.vertices) : -2, own].max(axis=0).min() < 0.6
+    assert len(bridges(np.asarray(ball.vertices), np.asarray(ball.faces))) == 0

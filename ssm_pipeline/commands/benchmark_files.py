@@ -1,0 +1,58 @@
+"""What a matching benchmark keeps in its folder, so that stopping costs only what was under way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of, key_of_arrays
+from ssm_pipeline.records import Mesh, SpectralBasis
+from ssm_pipeline.spectral.settings import SpectralSettings
+
+
+@dataclass(frozen=True)
+class BenchmarkFiles:
+    """Bases, geodesic distances and maps in `folder`, each made when first asked for."""
+
+    folder: Path
+    spectral: SpectralSettings
+
+    def basis(self, mesh: Mesh) -> SpectralBasis:
+        from ssm_pipeline.spectral.basis import spectral_basis
+
+        path = self.folder / "bases" / f"{key_of(key_of_mesh(mesh), self.spectral)}.npz"
+        if not path.exists():
+            storage.save(spectral_basis(mesh, self.spectral), path)
+        return storage.load(SpectralBasis, path)
+
+    def geodesics(self, mesh: Mesh) -> np.ndarray:
+        """(V, V) float32, mm; straight across the gaps of a surface in pieces."""
+        from ssm_pipeline.geometry.geodesics import geodesic_matrix
+
+        path = self.folder / "geodesics" / f"{key_of(key_of_mesh(mesh))}.npy"
+        if not path.exists():
+            matrix = geodesic_matrix(mesh.vertices, mesh.faces, across_gaps=True)
+            with storage.written_whole(path) as temporary:
+                np.save(temporary, matrix)
+        return np.asarray(np.load(path))
+
+    def map(self, x: Mesh, y: Mesh, key: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """y_to_x (V_y,), of the method that `key` stands for."""
+        path = self.map_path(x, y, key)
+        if not path.exists():
+            y_to_x = make()
+            with storage.written_whole(path) as temporary:
+                np.save(temporary, y_to_x)
+        return np.asarray(np.load(path))
+
+    def map_path(self, x: Mesh, y: Mesh, key: str) -> Path:
+        return self.folder / "maps" / key / f"{key_of(key_of_mesh(x), key_of_mesh(y))}.npy"
+
+
+def key_of_mesh(mesh: Mesh) -> str:
+    """Hash of a mesh's shape; its name does not count."""
+    return key_of_arrays(mesh.vertices, mesh.faces)

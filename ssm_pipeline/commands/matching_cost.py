@@ -1,0 +1,84 @@
+"""What a matching benchmark will take on this machine, from a few steps and one pair of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from ssm_pipeline.engine.terminal import duration
+from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.training.settings import TrainingSettings
+
+if TYPE_CHECKING:
+    from ssm_pipeline.adaptation.settings import AdaptationSettings
+    from ssm_pipeline.training.matcher import Matcher
+
+
+def seconds_a_step(
+    x: SpectralBasis, y: SpectralBasis, settings: TrainingSettings, device: str
+) -> tuple[float, Matcher]:
+    """Mean over the schedule, and the matcher that the trial left, as good as untrained.
+
+    A step's time grows evenly with the time steps T, so that the fewest and the most are tried.
+    """
+    from ssm_pipeline.training.train import train
+
+    tried: dict[int, float] = {}
+    for time_steps in {min(settings.time_steps), max(settings.time_steps)}:
+        trial = settings.model_copy(
+            update={"steps": 2, "time_steps": (time_steps,), "time_step_shares": (1.0,)}
+        )
+        stamps: list[float] = []
+
+        def on_step(step: int, losses: dict[str, float], stamps: list[float] = stamps) -> None:
+            stamps.append(time.perf_counter())
+
+        matcher = train([x, y], trial, seed=0, device=device, on_step=on_step)
+        tried[time_steps] = stamps[1] - stamps[0]  # the first step warms up
+    fewest, most = min(tried), max(tried)
+    slope = (tried[most] - tried[fewest]) / max(most - fewest, 1)
+    at_each = (tried[fewest] + slope * (count - fewest) for count in settings.time_steps)
+    shares = settings.time_step_shares
+    return sum(share * s for share, s in zip(shares, at_each, strict=True)), matcher
+
+
+def seconds_a_pair(
+    x: SpectralBasis,
+    y: SpectralBasis,
+    matcher: Matcher,
+    settings: AdaptationSettings,
+    methods: Sequence[PairMethod],
+) -> dict[str, float]:
+    """One match by each method; how well the matcher is trained makes no difference to it."""
+    from ssm_pipeline.adaptation.correspond import correspond
+
+    taken: dict[str, float] = {}
+    for method in methods:
+        start = time.perf_counter()
+        correspond(y, x, None if method in WITHOUT_NETWORK else matcher, settings, method)
+        taken[method] = time.perf_counter() - start
+    return taken
+
+
+def cost_in_words(
+    trainings: int, steps: int, step_s: float, pairs: Mapping[str, int], pair_s: Mapping[str, float]
+) -> str:
+    """`about 12 min here: training, 500 steps of 1.2 s, 10 min; full, 90 pairs of 1.3 s, 2 min`.
+
+    >>> cost_in_words(1, 500, 1.2, {"full": 90}, {"full": 2.0})
+    'about 13 min 0 s here: training, 500 steps of 1.2 s, 10 min 0 s; full, 90 pairs of 2.0 s, ...'
+    """
+    total, parts = 0.0, []
+    for _ in range(trainings):
+        seconds = steps * step_s
+        total += seconds
+        parts.append(f"training, {steps} steps of {duration(step_s)}, {duration(seconds)}")
+    for method, count in pairs.items():
+        if count:
+            seconds = count * pair_s[method]
+            total += seconds
+            each = duration(pair_s[method])
+            parts.append(f"{method}, {count} pairs of {each}, {duration(seconds)}")
+    return f"about {duration(total)} here: " + "; ".join(parts)
