@@ -1,26 +1,24 @@
 """Is an image file whole? SimpleITK reads some damaged files in silence.
 
-Measured with SimpleITK 2.5: a NIfTI file cut short is filled up with zeros, and a `.zraw` with a
-damaged byte loses what follows it; neither raises. Cut `.mhd` and `.nrrd` data do raise.
+Measured with SimpleITK 2.5: a `.zraw` with a damaged byte loses what follows it and does not
+raise; cut `.mhd` and `.nrrd` data do raise. What NIfTI hides is in `nifti_header.py`.
 """
 
 from __future__ import annotations
 
-import gzip
 import math
 import os
-import struct
 import zlib
 from pathlib import Path
 
 import numpy as np
 
 from data_prep.metaimage_header import check_metaimage
+from data_prep.nifti_header import NiftiHeader, check_nifti_size, damaged, read_nifti_header
 from ssm_pipeline.records import CaseError
 
-SUFFIXES = (".mhd", ".mha", ".nrrd", ".nii.gz", ".nii")
+SUFFIXES = (".mhd", ".mha", ".seg.nrrd", ".nrrd", ".nii.gz", ".nii")
 _CHUNK = 1 << 22
-_NIFTI_HEADER = 348
 
 
 def image_suffix(path: Path) -> str | None:
@@ -39,10 +37,11 @@ def is_image(path: Path) -> bool:
     return image_suffix(path) is not None and not path.name.startswith(".") and path.is_file()
 
 
-def check_header(path: Path, case_id: str) -> None:
+def check_header(path: Path, case_id: str) -> NiftiHeader | None:
     """Raise CaseError for a header whose spacing is not usable or whose data file is missing.
 
     A NIfTI file is also decompressed to its end, as SimpleITK would not notice one cut short.
+    Returns its header, whose transforms SimpleITK does not always follow; None for other formats.
     """
     suffix = image_suffix(path)
     if suffix in (".mhd", ".mha"):
@@ -61,7 +60,13 @@ def check_header(path: Path, case_id: str) -> None:
             data_bytes = (path.parent / name).stat().st_size
         check_metaimage(fields, data_bytes, path, case_id)
     elif suffix in (".nii", ".nii.gz"):
-        _check_nifti(path, case_id)
+        header, found = read_nifti_header(path, case_id)
+        if header is not None:
+            check_nifti_size(header, found, path, case_id)
+            sizes = [str(value) for value in header.pixdim[1 : 1 + min(header.dim[0], 3)]]
+            _check_spacing(sizes, path, case_id)
+        return header
+    return None
 
 
 def check_voxels(path: Path, case_id: str, voxels: np.ndarray) -> None:
@@ -107,7 +112,7 @@ def _compressed_stream(path: Path) -> tuple[Path, int, int] | None:
         if name.upper() == "LOCAL":
             return path, header_bytes, zlib.MAX_WBITS
         return path.parent / name, 0, zlib.MAX_WBITS
-    if suffix == ".nrrd":
+    if suffix in (".nrrd", ".seg.nrrd"):
         compressed = False
         with path.open("rb") as file:
             for line in file:
@@ -116,15 +121,6 @@ def _compressed_stream(path: Path) -> tuple[Path, int, int] | None:
                 key, _, value = line.decode("latin-1").partition(":")
                 compressed |= key == "encoding" and value.strip().lower() in ("gzip", "gz")
     return None
-
-
-def damaged(path: Path, case_id: str, what: str) -> CaseError:
-    """The error for a file that is not whole."""
-    return CaseError(
-        case_id,
-        f"{path.name} is damaged or cut short ({what}); the whole file is needed. "
-        "Copy or download it again.",
-    )
 
 
 def _metaimage_header(path: Path) -> tuple[dict[str, str], int]:
@@ -137,32 +133,6 @@ def _metaimage_header(path: Path) -> tuple[dict[str, str], int]:
             if key.strip() == "ElementDataFile":
                 break
         return fields, file.tell()
-
-
-def _check_nifti(path: Path, case_id: str) -> None:
-    compressed = image_suffix(path) == ".nii.gz"
-    try:
-        with gzip.open(path, "rb") if compressed else path.open("rb") as file:
-            header = file.read(_NIFTI_HEADER)
-            if len(header) < _NIFTI_HEADER:
-                raise damaged(path, case_id, "it ends inside its header")
-            order = "<" if struct.unpack_from("<i", header)[0] == _NIFTI_HEADER else ">"
-            if struct.unpack_from(order + "i", header)[0] != _NIFTI_HEADER:
-                return  # NIfTI-2 or Analyze: left to SimpleITK
-            dim = struct.unpack_from(order + "8h", header, 40)
-            pixdim = struct.unpack_from(order + "8f", header, 76)
-            bits = struct.unpack_from(order + "h", header, 72)[0]
-            offset = struct.unpack_from(order + "f", header, 108)[0]
-            found = _NIFTI_HEADER
-            while block := file.read(_CHUNK):
-                found += len(block)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise damaged(path, case_id, str(error)) from error
-    axes = dim[0]
-    _check_spacing([str(value) for value in pixdim[1 : 1 + min(axes, 3)]], path, case_id)
-    needed = int(offset) + math.prod(dim[1 : 1 + axes]) * bits // 8
-    if found < needed:
-        raise damaged(path, case_id, f"it holds {found} bytes and its header promises {needed}")
 
 
 def _check_spacing(values: list[str], path: Path, case_id: str) -> None:

@@ -32,16 +32,8 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
-    check_header(path, case_id)
-    try:
-        image = sitk.ReadImage(str(path))
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise CaseError(
-            case_id,
-            f"{path.name} can't be read ({reason}). Check that the file is whole and that it is "
-            "a label image.",
-        ) from error
+    header = check_header(path, case_id)
+    image = read_image(path, case_id)
     size = " × ".join(str(length) for length in image.GetSize())
     if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
         raise CaseError(
@@ -51,6 +43,8 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
         )
     labels = sitk.GetArrayFromImage(image)
     check_voxels(path, case_id, labels)
+    if header is not None and header.misleads_itk:
+        return place(labels, header.affine_lps(), case_id)
     return LabelImage(
         labels=labels,
         spacing_mm=np.array(image.GetSpacing()),
@@ -60,22 +54,64 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
     )
 
 
-def select_labels(
-    image: LabelImage, labels: tuple[int, ...], organ: str = "organ", allow_truncated: bool = True
-) -> Mask:
-    """The union of `labels` as a Mask; `organ` names it in messages.
+def read_image(path: Path, case_id: str) -> sitk.Image:
+    """SimpleITK's image. Raises CaseError where SimpleITK can't read the file."""
+    try:
+        return sitk.ReadImage(str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise CaseError(
+            case_id,
+            f"{path.name} can't be read ({reason}). Check that the file is whole and that it is "
+            "a label image.",
+        ) from error
 
-    An organ on the image border is cut off: a warning on the Mask, or, without
-    `allow_truncated`, a CaseError. Raises CaseError if a label is absent or the organ is too small.
+
+def place(labels: np.ndarray, affine: np.ndarray, case_id: str) -> LabelImage:
+    """Labels (Z, Y, X) where a (4, 4) matrix, voxel index x, y, z → mm LPS, puts them.
+
+    Raises CaseError where its axes are not at right angles.
     """
+    spacing = np.linalg.norm(affine[:3, :3], axis=0)
+    direction = affine[:3, :3] / np.maximum(spacing, 1e-12)
+    skew = np.abs(direction.T @ direction - np.eye(3)).max()
+    if not (np.isfinite(affine).all() and skew < 1e-3):  # float32 headers: 1e-6
+        raise CaseError(
+            case_id,
+            "the image's axes are not at right angles or not finite; a plain grid is needed. "
+            "Resample it to one, or export it again.",
+        )
+    return LabelImage(labels, spacing, affine[:3, 3], direction, case_id)
+
+
+def select_labels(
+    image: LabelImage,
+    labels: tuple[int, ...],
+    organ: str = "organ",
+    allow_truncated: bool = True,
+    threshold: float | None = None,
+) -> Mask:
+    """The union of `labels` as a Mask, or the voxels above `threshold`; `organ` names it.
+
+    Raises CaseError if a label is absent, the organ is too small, or the image holds values
+    between whole numbers and no threshold is given; and as `organ_mask` does.
+    """
+    if threshold is not None:
+        named = f"{organ} (above {threshold:g})"
+        voxels = image.labels > threshold
+        if not voxels.any():
+            raise CaseError(
+                image.case_id,
+                f"no voxel of the {organ} lies above data.threshold = {threshold:g}; the largest "
+                f"value is {image.labels.max():g}. Lower the threshold.",
+            )
+        return organ_mask(image, voxels, named, allow_truncated)
     if not labels:
         raise CaseError(image.case_id, f"no label was given for the {organ}; name at least one.")
-    voxels = image.labels == labels[0]
-    for label in labels[1:]:
-        voxels |= image.labels == label
-    count = int(np.count_nonzero(voxels))
+    _refuse_soft_values(image)
     named = f"{organ} (label {', '.join(map(str, labels))})"
-    if count == 0:
+    voxels = np.isin(image.labels, labels)
+    if not voxels.any():
         found = np.unique(image.labels)
         found = found[found != 0]
         listed = ", ".join(f"{value:g}" for value in found[:20]) or "none: the mask is empty"
@@ -83,6 +119,18 @@ def select_labels(
             image.case_id,
             f"the {named} is absent; labels found: {listed}. Check the label numbers.",
         )
+    return organ_mask(image, voxels, named, allow_truncated)
+
+
+def organ_mask(
+    image: LabelImage, voxels: np.ndarray, named: str, allow_truncated: bool = True
+) -> Mask:
+    """Voxels (Z, Y, X) bool of one organ, `named` in messages, as a Mask.
+
+    An organ on the image border is cut off: a warning on the Mask, or, without
+    `allow_truncated`, a CaseError. Raises CaseError if the organ is too small.
+    """
+    count = int(np.count_nonzero(voxels))
     if count < MIN_VOXELS:
         raise CaseError(
             image.case_id,
@@ -104,15 +152,31 @@ def select_labels(
     return Mask(voxels, image.spacing_mm, image.origin_mm, image.direction, image.case_id, warnings)
 
 
+def _refuse_soft_values(image: LabelImage) -> None:
+    """Raise CaseError for values between whole numbers: a probability map, whose label 1 would be
+    its certain voxels alone."""
+    if not np.issubdtype(image.labels.dtype, np.floating):
+        return
+    soft = image.labels[image.labels != np.rint(image.labels)]
+    if len(soft):
+        raise CaseError(
+            image.case_id,
+            f"{len(soft)} voxels hold values between whole numbers (such as {soft[0]:.3g}), as "
+            "probability maps do; labels are whole numbers. Say from which value on a voxel is "
+            "organ (data.threshold, such as 0.5), or export a label image.",
+        )
+
+
 def read_mask(
     path: Path,
     labels: tuple[int, ...],
     case_id: str,
     organ: str = "organ",
     allow_truncated: bool = True,
+    threshold: float | None = None,
 ) -> Mask:
     """Read one file and select its organ; raises as `read_labels` and `select_labels` do."""
-    return select_labels(read_labels(path, case_id), labels, organ, allow_truncated)
+    return select_labels(read_labels(path, case_id), labels, organ, allow_truncated, threshold)
 
 
 def border_contact(voxels: np.ndarray) -> str:

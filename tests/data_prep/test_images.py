@@ -176,3 +176,68 @@ def test_not_an_image_and_no_file(tmp_path: Path) -> None:
         read_mask(path, (1,), "a")
     with pytest.raises(CaseError, match="there is no file"):
         read_mask(tmp_path / "b.nrrd", (1,), "b")
+
+
+def nifti_with(path: Path, fields: dict[int, bytes]) -> Path:
+    """The oblique box of `labels_with_box` as NIfTI, bytes of its header replaced."""
+    image = sitk.GetImageFromArray(labels_with_box())
+    image.SetSpacing((1.0, 2.0, 3.0))
+    image.SetOrigin((5.0, 6.0, 7.0))
+    direction = Rotation.from_euler("zyx", [25, -15, 40], degrees=True).as_matrix()
+    image.SetDirection(direction.ravel().tolist())
+    sitk.WriteImage(image, str(path))
+    content = bytearray(path.read_bytes())
+    for start, new in fields.items():
+        content[start : start + len(new)] = new
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("codes", [(1, 1), (0, 1), (1, 0), (0, 2)])
+@pytest.mark.parametrize("pixdim", [(-1.0, 2.0, 3.0), (1.0, -2.0, 3.0), (-1.0, -2.0, -3.0)])
+def test_the_sign_of_a_nifti_voxel_size_does_not_mirror(
+    tmp_path: Path, codes: tuple[int, int], pixdim: tuple[float, ...]
+) -> None:
+    good = read_mask(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
+    fields = {80: struct.pack("<3f", *pixdim), 252: struct.pack("<2h", *codes)}
+    bad = read_mask(nifti_with(tmp_path / "bad.nii", fields), (1,), "a")
+    index = np.array([[0.0, 0, 0], [3, 4, 5]])
+    np.testing.assert_allclose(bad.to_world(index), good.to_world(index), atol=1e-4)  # float32
+
+
+def test_skewed_axes(tmp_path: Path) -> None:
+    row = struct.pack("<4f", -1.0, -0.5, 0.0, 0.0)
+    path = nifti_with(tmp_path / "a.nii", {80: struct.pack("<f", -1.0), 280: row})
+    with pytest.raises(CaseError, match="not at right angles"):
+        read_mask(path, (1,), "a")
+
+
+@pytest.mark.parametrize("offset", [float("nan"), float("inf"), -1e30])
+def test_nifti_offset_of_the_voxels(tmp_path: Path, offset: float) -> None:
+    path = nifti_with(tmp_path / "a.nii", {108: struct.pack("<f", offset)})
+    with pytest.raises(CaseError, match="case a: .*puts the voxels at byte"):
+        read_mask(path, (1,), "a")
+
+
+@pytest.mark.parametrize("dim", [(3, -5, 4, 4), (9, 4, 4, 4), (0, 4, 4, 4)])
+def test_nifti_dimensions(tmp_path: Path, dim: tuple[int, ...]) -> None:
+    path = nifti_with(tmp_path / "a.nii", {40: struct.pack("<4h", *dim)})
+    with pytest.raises(CaseError, match="case a: .*header gives dimensions"):
+        read_mask(path, (1,), "a")
+
+
+def soft_ball(tmp_path: Path) -> Path:
+    """1 in the middle, falling to 0: a ball of radius 8 above 0.5, of radius 4 at 1."""
+    z, y, x = np.indices((24, 24, 24)) - 12.0
+    values = np.clip(1.5 - np.sqrt(x**2 + y**2 + z**2) / 8, 0, 1).astype(np.float32)
+    return write(tmp_path / "soft.nii.gz", values)
+
+
+def test_a_probability_map_is_asked_for_its_threshold(tmp_path: Path) -> None:
+    path = soft_ball(tmp_path)
+    with pytest.raises(CaseError, match=r"between whole numbers .*data\.threshold, such as 0\.5"):
+        read_mask(path, (1,), "a")
+    mask = read_mask(path, (1,), "a", threshold=0.5)
+    assert mask.voxels.sum() == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.02)  # a voxelised ball
+    with pytest.raises(CaseError, match="largest value is 1"):
+        read_mask(path, (1,), "a", threshold=2.0)
