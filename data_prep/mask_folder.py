@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+from types import MappingProxyType
 
+from data_prep.case_names import case_name
 from data_prep.image_files import image_stem, is_image
 from data_prep.images import read_mask
-from data_prep.selection import choose, unique_by_id
+from data_prep.segments import is_segmentation, read_segments
+from data_prep.selection import choose, cohort_of, files_below, unique_by_id
+from data_prep.sides import Side, mirror_side
 from ssm_pipeline.records import CaseSource, Cohort, StudyError
+
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def find_cases(
@@ -19,40 +26,55 @@ def find_cases(
     cases: tuple[str, ...] | None = None,
     limit: int | None = None,
     allow_truncated: bool = True,
+    segments: tuple[str, ...] = (),
+    threshold: float | None = None,
+    mirror: Side | None = None,
+    exclude: Mapping[str, str] = _NOTHING,
 ) -> Cohort:
     """The label images of a folder; nothing is read before a case is loaded.
 
-    labels   united to one organ: (1, 2) is a hippocampus of anterior and posterior part.
-    pattern  a glob below `folder`; None: every label image directly in it. A pattern that ends
-             in a plain file name, as TotalSegmentator's `*/liver.nii.gz`, takes the case id from
-             the file's folder; any other takes it from the file name.
-    Raises   StudyError if nothing matches, two files share one id, or a named case is missing.
+    labels    united to one organ: (1, 2) is a hippocampus of anterior and posterior part.
+    pattern   a glob below `folder`; None: every label image directly in it, or, of segmentations
+              with named segments, the one in each of its folders. `case_name` tells the ids.
+    segments  names, united, in place of labels: 3D Slicer's .seg.nrrd, and DICOM SEG.
+    threshold in place of labels: the voxels above it, of a probability map.
+    mirror    the side that is reflected, so that left and right are one cohort.
+    exclude   case id → why it is left out.
+    Raises    StudyError if nothing matches, two files share one id, or a named case is missing.
     """
-    if not folder.is_dir():
-        raise StudyError(f"there is no folder {folder}. Give the folder that holds the masks.")
-    found = folder.iterdir() if pattern is None else folder.glob(pattern)
-    files = [path for path in found if is_image(path)]
-    if not files:
+    if 0 in labels:
+        raise StudyError("label 0 is the background, and no organ. Name the organ's own label.")
+    if segments:
+        named_by_folder = pattern is None and not _any_segmentation(folder)
+        pattern = "*/**/*" if named_by_folder else pattern
+        files = files_below(folder, pattern, is_segmentation, "segmentations (.seg.nrrd, DICOM)")
+    else:
+        named_by_folder = False
         what = "label images (.nii.gz, .nii, .nrrd, .mhd, .mha)"
-        matching = f" that match {pattern}" if pattern else ""
-        raise StudyError(f"there are no {what}{matching} in {folder}. Check folder and pattern.")
-    named_by_folder = pattern is not None and _is_plain_name(pattern)
+        files = files_below(folder, pattern, is_image, what)
     by_id = unique_by_id(
-        (path.parent.name if named_by_folder else image_stem(path), path) for path in files
+        (
+            path.relative_to(folder).parts[0]
+            if named_by_folder
+            else case_name(path, image_stem(path), pattern, mirror is not None),
+            path,
+        )
+        for path in files
     )
-    return Cohort(
-        folder.name,
-        tuple(
-            CaseSource(
-                case_id,
-                (path,),
-                partial(read_mask, path, tuple(labels), case_id, organ, allow_truncated),
-            )
-            for case_id, path in choose(by_id, cases, limit).items()
-        ),
-    )
+    sources = [
+        CaseSource(
+            case_id,
+            (path,),
+            partial(read_segments, path, segments, case_id, allow_truncated, threshold)
+            if segments
+            else partial(
+                read_mask, path, tuple(labels), case_id, organ, allow_truncated, threshold
+            ),
+        )
+        for case_id, path in choose(by_id, cases, limit).items()
+    ]
+    return cohort_of(folder.name, mirror_side(sources, mirror) if mirror else sources, exclude)
 
 
-def _is_plain_name(pattern: str) -> bool:
-    path = PurePosixPath(pattern)
-    return len(path.parts) > 1 and not any(sign in path.name for sign in "*?[")
+def _any_segmentation(folder: Path) -> bool:
+    return folder.is_dir() and any(is_segmentation(path) for path in folder.iterdir())

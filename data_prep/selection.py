@@ -3,10 +3,45 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from pathlib import Path
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path, PurePath
 
-from ssm_pipeline.records import StudyError
+from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
+
+LONGEST_ID = 200  # bytes: the id names folders and, with a suffix, files; 255 is the system's limit
+_OF_A_RUN = re.compile(r".*\.(csv|json|npz|pt|html|png|ya?ml|lock)|round-\d+|retrained-folds", re.I)
+
+
+def files_below(
+    folder: Path, pattern: str | None, is_wanted: Callable[[Path], bool], what: str
+) -> list[Path]:
+    """The wanted files directly in a folder, or those below it that match a glob, sorted.
+
+    what    names them in messages.
+    Raises  StudyError for a folder that is absent, a pattern that leaves it, or no file.
+    """
+    if not folder.is_dir():
+        raise StudyError(f"there is no folder {folder}. Give the folder that holds the {what}.")
+    if pattern is not None:
+        _check_pattern(pattern)
+    found = folder.iterdir() if pattern is None else folder.glob(pattern)
+    files = sorted(path for path in found if is_wanted(path))
+    if not files:
+        matching = f" that match {pattern}" if pattern else ""
+        raise StudyError(f"there are no {what}{matching} in {folder}. Check folder and pattern.")
+    return files
+
+
+def _check_pattern(pattern: str) -> None:
+    parts = PurePath(pattern).parts
+    if not pattern.strip() or PurePath(pattern).is_absolute() or ".." in parts:
+        raise StudyError(
+            f"the pattern {pattern!r} names no files below the folder; a glob relative to it is "
+            'needed, such as "*/liver.nii.gz".'
+        )
+    if any("**" in part and part != "**" for part in parts):
+        raise StudyError(f"the pattern {pattern!r} has ** within a name; it stands for folders.")
 
 
 def unique_by_id(named_files: Iterable[tuple[str, Path]]) -> dict[str, Path]:
@@ -36,8 +71,55 @@ def choose(
             raise StudyError(f"case {repeated[0]} is named twice; name each case once.")
         for name in cases:
             if name not in by_id:
-                near = difflib.get_close_matches(name, by_id, n=1)
-                hint = f" Did you mean {near[0]}?" if near else ""
-                raise StudyError(f"there is no case {name} among the {len(by_id)} found.{hint}")
+                raise StudyError(_unknown(name, by_id))
         by_id = {name: by_id[name] for name in cases}
     return dict(list(by_id.items())[:limit])
+
+
+def cohort_of(name: str, sources: Sequence[CaseSource], exclude: Mapping[str, str]) -> Cohort:
+    """The sources as a cohort, without those that the user excludes or whose id can't be used.
+
+    exclude  case id, or patient, → the reason, which is shown beside the case.
+    Raises   StudyError for an excluded name that is no case, or a reason left empty.
+    """
+    known = {source.case_id for source in sources} | {source.patient for source in sources}
+    for case_id, reason in exclude.items():
+        if case_id not in known or not case_id:
+            raise StudyError(f"data.exclude: {_unknown(case_id, known)}")
+        if not reason.strip():
+            raise StudyError(f"data.exclude: case {case_id} needs a reason; write it behind its id.")
+    kept, dropped = [], []
+    for source in sources:
+        reason = exclude.get(source.case_id) or exclude.get(source.patient)
+        if reason is not None:
+            dropped.append(Dropped(source.case_id, "data", f"excluded: {reason}"))
+        elif reason := why_unusable(source.case_id):
+            dropped.append(Dropped(source.case_id, "data", reason))
+        else:
+            kept.append(source)
+    return Cohort(name, tuple(kept), tuple(dropped))
+
+
+def why_unusable(case_id: str) -> str:
+    """Why an id can't name a case's folder; empty if it can.
+
+    >>> why_unusable("patient 7"), why_unusable("quality.csv")[:43]
+    ('', "the id is a name that the run's own files h")
+    """
+    if len(case_id.encode()) > LONGEST_ID:
+        return (
+            f"the id is {len(case_id.encode())} bytes long, and {LONGEST_ID} are possible, since "
+            "it names folders. Rename the file."
+        )
+    if _OF_A_RUN.fullmatch(case_id):
+        return "the id is a name that the run's own files have. Rename the file."
+    if not case_id.isprintable() or case_id != case_id.strip():
+        return "the id holds characters that can't be seen. Rename the file."
+    return ""
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    known = [other for other in known if other]
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f" Did you mean {near[0]}?" if near else ""
+    return f"there is no case {name} among the {len(known)} found.{hint}"

@@ -88,12 +88,41 @@ class Mask:
 
 
 @dataclass(frozen=True)
+class Surface:
+    """A triangle surface as a file gives it: it may be open, doubled, knotted or inside out.
+
+    vertices (V, 3) mm LPS, finite; faces (F, 3) int, F > 0; warnings: as of a Mask.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    case_id: str
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        mesh = Mesh(self.vertices, self.faces, self.case_id)  # checks shapes and numbers
+        if len(mesh.faces) == 0:
+            raise CaseError(
+                self.case_id,
+                f"the surface has no triangles ({len(mesh.vertices)} points); a surface is needed. "
+                "Export it as a triangle mesh.",
+            )
+        object.__setattr__(self, "vertices", mesh.vertices)
+        object.__setattr__(self, "faces", mesh.faces)
+
+
+@dataclass(frozen=True)
 class CaseSource:
-    """A case not read yet: its id, the files it rests on, and how to read it."""
+    """A case not read yet: its id, the files it rests on, and how to read it.
+
+    patient  whom it is of, where a patient has several cases (two sides, two visits): they are
+             kept in one fold. Empty: the case is its own.
+    """
 
     case_id: str
     files: tuple[Path, ...]
-    load: Callable[[], Mask]
+    load: Callable[[], Mask | Surface]
+    patient: str = ""
 
 
 @dataclass(frozen=True)

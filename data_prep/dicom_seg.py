@@ -1,0 +1,67 @@
+"""DICOM SEG: segments by their label. Needs the extra `dicom` (highdicom, pydicom)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from data_prep.images import LabelImage, place
+from ssm_pipeline.records import CaseError, StudyError
+
+
+def is_dicom_seg(path: Path) -> bool:
+    """True for a DICOM file whose modality is SEG; its header alone is read.
+
+    Raises StudyError where pydicom is not installed.
+    """
+    with path.open("rb") as file:
+        if file.read(132)[128:] != b"DICM":
+            return False
+    try:
+        import pydicom
+        from pydicom.errors import InvalidDicomError
+    except ImportError as error:
+        raise StudyError(
+            f"{path} is a DICOM file; reading them needs highdicom and pydicom. "
+            'Install them: pip install "ssm-pipeline[dicom]".'
+        ) from error
+    try:
+        header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=["Modality"])
+    except (InvalidDicomError, OSError, ValueError, EOFError):
+        return False
+    return str(header.get("Modality", "")) == "SEG"
+
+
+def read_dicom_segments(path: Path, case_id: str) -> dict[str, tuple[LabelImage, int]]:
+    """Label → an image and the value that the segment has in it, for every segment.
+
+    Frames without a voxel of any segment are mostly left out of such files; an empty slice is
+    put at both ends, so whether the organ was cut off there can't be known.
+    Raises CaseError for a file that is damaged or no regular grid.
+    """
+    import highdicom
+
+    try:
+        segmentation = highdicom.seg.segread(path)
+        labels = {
+            number: str(segmentation.get_segment_description(number).segment_label)
+            for number in segmentation.segment_numbers
+        }
+        volume = segmentation.get_volume(skip_overlap_checks=True)
+    # pydicom and highdicom raise nearly all built-in kinds for what a damaged file can hold.
+    except (ValueError, KeyError, AttributeError, OSError, EOFError, RuntimeError, TypeError,
+            IndexError, NotImplementedError, OverflowError) as error:
+        raise CaseError(
+            case_id,
+            f"{path.name} can't be read as DICOM SEG ({error}). A whole file with equally spaced, "
+            "parallel slices is needed; export it again.",
+        ) from error
+    # Index (slice, row, column) → x, y, z; then one empty slice before the first.
+    affine = np.asarray(volume.affine)[:, [2, 1, 0, 3]]
+    affine[:, 3] -= affine[:, 2]
+    array = np.pad(np.asarray(volume.array), ((1, 1), (0, 0), (0, 0), (0, 0)))
+    return {
+        label: (place(array[..., position], affine, case_id), 1)
+        for position, label in enumerate(labels.values())
+    }

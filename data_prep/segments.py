@@ -1,0 +1,112 @@
+"""Segments by name: 3D Slicer's `.seg.nrrd` and DICOM SEG."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from data_prep.dicom_seg import is_dicom_seg, read_dicom_segments
+from data_prep.image_files import check_voxels, image_suffix, is_image
+from data_prep.images import LabelImage, organ_mask, read_image, select_labels
+from ssm_pipeline.records import CaseError, Mask
+
+Segments = dict[str, tuple[LabelImage, int]]  # name → an image and the segment's value in it
+
+
+def is_segmentation(path: Path) -> bool:
+    """True for a file that may name its segments: NRRD, or DICOM SEG."""
+    if path.name.startswith(".") or not path.is_file():
+        return False
+    if is_image(path):
+        return image_suffix(path) in (".seg.nrrd", ".nrrd")
+    return path.suffix.lower() in ("", ".dcm") and is_dicom_seg(path)
+
+
+def read_segments(
+    path: Path,
+    names: tuple[str, ...],
+    case_id: str,
+    allow_truncated: bool = True,
+    threshold: float | None = None,
+) -> Mask:
+    """The union of the named segments as a Mask. Upper and lower case count as the same.
+
+    threshold  for fractional DICOM SEG: a voxel above it is organ.
+    Raises     CaseError for a damaged file, one without names, or a segment that is not there.
+    """
+    if not path.is_file():
+        raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
+    if image_suffix(path) is None:
+        segments = read_dicom_segments(path, case_id)
+    else:
+        segments = read_slicer_segments(path, case_id)
+    chosen = [segments[_match(name, segments, path, case_id)] for name in names]
+    masks = [
+        select_labels(image, (value,), name, threshold=threshold)
+        for name, (image, value) in zip(names, chosen, strict=True)
+    ]
+    voxels = np.any([mask.voxels for mask in masks], axis=0) if len(masks) > 1 else masks[0].voxels
+    named = " + ".join(names)
+    return organ_mask(chosen[0][0], voxels, named, allow_truncated)
+
+
+def read_slicer_segments(path: Path, case_id: str) -> Segments:
+    """The segments of a NRRD file as 3D Slicer writes it: `Segment<i>_Name`, layer and value.
+
+    Raises CaseError for a damaged file, or one that names no segment.
+    """
+    image = read_image(path, case_id)
+    if image.GetDimension() != 3:
+        raise CaseError(
+            case_id,
+            f"{path.name} has {image.GetDimension()} dimensions; a 3D segmentation is needed.",
+        )
+    array = sitk.GetArrayFromImage(image)
+    check_voxels(path, case_id, array)
+    if array.ndim == 3:  # one layer: segments that don't overlap
+        array = array[..., None]
+    segments: Segments = {}
+    for key in sorted(image.GetMetaDataKeys()):
+        if not (key.startswith("Segment") and key.endswith("_Name")):
+            continue
+        prefix = key.removesuffix("Name")
+        layer, value = (
+            int(image.GetMetaData(prefix + field)) if image.HasMetaDataKey(prefix + field) else least
+            for field, least in (("Layer", 0), ("LabelValue", 1))
+        )
+        if not 0 <= layer < array.shape[-1]:
+            raise CaseError(
+                case_id, f"{path.name} puts {key} in layer {layer} of {array.shape[-1]}."
+            )
+        labels = LabelImage(
+            array[..., layer],
+            np.array(image.GetSpacing()),
+            np.array(image.GetOrigin()),
+            np.array(image.GetDirection()).reshape(3, 3),
+            case_id,
+        )
+        segments[image.GetMetaData(key).strip()] = (labels, value)
+    if not segments:
+        raise CaseError(
+            case_id,
+            f"{path.name} names no segments; 3D Slicer's .seg.nrrd does. Select by data.labels, "
+            "or save it as a segmentation.",
+        )
+    return segments
+
+
+def _match(name: str, segments: Segments, path: Path, case_id: str) -> str:
+    if name in segments:
+        return name
+    same = [known for known in segments if known.casefold() == name.casefold()]
+    if len(same) == 1:
+        return same[0]
+    near = difflib.get_close_matches(name, segments, n=1)
+    hint = f" Did you mean {near[0]}?" if near else ""
+    raise CaseError(
+        case_id,
+        f"{path.name} has no segment {name}; it has {', '.join(sorted(segments))}.{hint}",
+    )

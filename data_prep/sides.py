@@ -1,0 +1,69 @@
+"""Left and right organs as one cohort: one side is mirrored, a patient's two sides belong together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from ssm_pipeline.records import CaseSource, Mask, StudyError, Surface
+
+Side = Literal["left", "right"]
+_WORDS: dict[Side, str] = {"left": "left|lt|lh|l|hemi-l", "right": "right|rt|rh|r|hemi-r"}
+
+
+def side_in_name(case_id: str) -> tuple[Side | None, str]:
+    """The side that a word of an id names, and the id without that word: the patient.
+
+    >>> side_in_name("s01.kidney_left"), side_in_name("sub-01_hemi-R"), side_in_name("lung7")
+    (('left', 's01.kidney'), ('right', 'sub-01'), (None, 'lung7'))
+    """
+    found: list[tuple[Side, re.Match[str]]] = [
+        (side, match)
+        for side, words in _WORDS.items()
+        for match in re.finditer(rf"(?:^|[._ -])({words})(?=$|[._ -])", case_id, re.I)
+    ]
+    # `hemi-r` also holds `r`; of a name as l_hippocampus_left both words say the same.
+    sides = {side for side, _ in found}
+    if len(sides) != 1:
+        return None, case_id
+    longest = max(found, key=lambda item: len(item[1].group()))[1]
+    rest = case_id[: longest.start()] + case_id[longest.end() :]
+    return found[0][0], rest.strip("._ -")
+
+
+def mirror_side(sources: Sequence[CaseSource], mirrored: Side) -> list[CaseSource]:
+    """The sources, those of one side reflected when loaded (x → −x), each with its patient.
+
+    Raises StudyError where an id does not say its side.
+    """
+    result = []
+    for source in sources:
+        side, patient = side_in_name(source.case_id)
+        if side is None:
+            raise StudyError(
+                f"data.mirror is {mirrored}, and the id {source.case_id} does not say its side. "
+                "Ids need a word left or right (or l, r, lh, rh, hemi-L, hemi-R), set apart by "
+                "a dot, dash or underscore."
+            )
+        load = partial(_load_mirrored, source.load) if side == mirrored else source.load
+        result.append(replace(source, load=load, patient=patient or source.case_id))
+    return result
+
+
+def reflect(case: Mask | Surface) -> Mask | Surface:
+    """The mirror image, x → −x in LPS: of a surface the triangles are turned around, too."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    if isinstance(case, Surface):
+        return replace(case, vertices=case.vertices * flip, faces=case.faces[:, ::-1])
+    return replace(
+        case, origin_mm=case.origin_mm * flip, direction=flip[:, None] * case.direction
+    )
+
+
+def _load_mirrored(load: Callable[[], Mask | Surface]) -> Mask | Surface:
+    return reflect(load())
