@@ -31,9 +31,10 @@ from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles
 from ssm_pipeline.meshing.isosurface import isosurface
 from ssm_pipeline.meshing.mask_to_mesh import grid_sizes, mesh_from_mask
+from ssm_pipeline.meshing.organ import keep_organ
 from ssm_pipeline.meshing.quality import measure_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
-from ssm_pipeline.meshing.smooth_field import keep_organ, smooth_field
+from ssm_pipeline.meshing.smooth_field import smooth_field
 from ssm_pipeline.meshing.smoothing import laplacian_smoothing, restore_volume
 from ssm_pipeline.records import Mesh
 
@@ -76,7 +77,7 @@ def run(path: Path, label: int) -> None:
     mesh, quality = timed("the whole of mesh_from_mask", lambda: mesh_from_mask(mask, settings))
 
     print("its parts")
-    organ = timed("  largest piece, cavities", lambda: keep_organ(mask))
+    organ, _ = timed("  largest piece, cavities", lambda: keep_organ(mask))
     sizes = grid_sizes(organ.volume_mm3, settings)
     field = timed("  blur and resample", lambda: smooth_field(organ, *sizes))
     surface = timed("  surface (VTK)", lambda: isosurface(field, "bench"))

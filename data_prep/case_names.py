@@ -9,6 +9,16 @@ _BIDS_NAME = re.compile(r"sub-[A-Za-z0-9]+(?:_[A-Za-z]+-[A-Za-z0-9+]+)*_[A-Za-z0
 _BIDS_KEPT = ("sub", "ses", "hemi", "run")  # what tells one case from another
 
 
+def patient_of(case_id: str) -> str:
+    """Whom an id that begins with a BIDS subject is of; '' for others.
+
+    >>> patient_of("sub-01_ses-b"), patient_of("lung_7")
+    ('sub-01', '')
+    """
+    found = re.match(r"sub-[A-Za-z0-9]+(?=_|$)", case_id)
+    return found[0] if found else ""
+
+
 def case_name(path: Path, stem: str, pattern: str | None, with_sides: bool = False) -> str:
     """The id of the case in `path`, whose name without suffix is `stem`.
 

@@ -29,7 +29,7 @@ def image_suffix(path: Path) -> str | None:
 def image_stem(path: Path) -> str:
     """The file name without its image suffix: dots inside a series UID stay."""
     suffix = image_suffix(path)
-    return path.name[: -len(suffix)] if suffix else path.stem
+    return path.name[: -len(suffix)] if suffix else path.name.removesuffix(".dcm")
 
 
 def is_image(path: Path) -> bool:

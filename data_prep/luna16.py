@@ -5,17 +5,20 @@ Source: Setio et al. 2017, https://luna16.grand-challenge.org.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from data_prep.image_files import image_stem, image_suffix, is_image
 from data_prep.images import LabelImage, read_labels, select_labels
-from data_prep.selection import choose, unique_by_id
-from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError
+from data_prep.selection import choose, cohort_of, unique_by_id
+from data_prep.sides import load_mirrored
+from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError, Surface
 
 Side = Literal["left", "right", "both"]
 LEFT, RIGHT = 3, 4
@@ -29,6 +32,8 @@ def find_cases(
     limit: int | None = None,
     subset: int | None = None,
     allow_truncated: bool = True,
+    mirror: Literal["left", "right"] | None = None,
+    exclude: Mapping[str, str] = MappingProxyType({}),
 ) -> Cohort:
     """The lung masks of a LUNA16 download; nothing is read before a case is loaded.
 
@@ -36,6 +41,8 @@ def find_cases(
     side    `both` makes two cases of each scan, `<seriesuid>.left` and `<seriesuid>.right`.
     cases   series UIDs, in the order wanted; all if None. limit counts scans.
     subset  keeps the scans whose CT lies in `subset<k>/*.mhd` beside the masks' folder.
+    mirror  of `both`, the side that is reflected, so that left and right are one cohort.
+    exclude case id, or series UID for both sides, → why it is left out.
     Raises  StudyError for a folder without masks, a missing subset, an unknown or doubled case.
     """
     masks = _mask_folder(folder)
@@ -56,12 +63,12 @@ def find_cases(
     for uid, path in choose(by_id, cases, limit).items():
         for one in sides:
             case_id = f"{uid}.{one}" if side == "both" else uid
-            sources.append(
-                CaseSource(
-                    case_id, _files_of(path), partial(_load, path, one, case_id, allow_truncated)
-                )
-            )
-    return Cohort("luna16", tuple(sources))
+            load: Callable[[], Mask | Surface]
+            load = partial(_load, path, one, case_id, allow_truncated)
+            if one == mirror:
+                load = partial(load_mirrored, load)
+            sources.append(CaseSource(case_id, _files_of(path), load, patient=uid))
+    return cohort_of("luna16", sources, exclude)
 
 
 def _load(path: Path, side: Side, case_id: str, allow_truncated: bool) -> Mask:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from data_prep.case_names import case_name
+from data_prep.case_names import case_name, patient_of
 from data_prep.image_files import image_stem, is_image
 from data_prep.images import read_mask
 from data_prep.segments import is_segmentation, read_segments
@@ -70,6 +70,7 @@ def find_cases(
             else partial(
                 read_mask, path, tuple(labels), case_id, organ, allow_truncated, threshold
             ),
+            patient_of(case_id),
         )
         for case_id, path in choose(by_id, cases, limit).items()
     ]

@@ -22,7 +22,8 @@ def is_segmentation(path: Path) -> bool:
         return False
     if is_image(path):
         return image_suffix(path) in (".seg.nrrd", ".nrrd")
-    return path.suffix.lower() in ("", ".dcm") and is_dicom_seg(path)
+    named_by_uid = path.suffix[1:].isdigit()  # 1.2.840.7: no suffix at all
+    return (path.suffix.lower() in ("", ".dcm") or named_by_uid) and is_dicom_seg(path)
 
 
 def read_segments(
@@ -73,10 +74,7 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
         if not (key.startswith("Segment") and key.endswith("_Name")):
             continue
         prefix = key.removesuffix("Name")
-        layer, value = (
-            int(image.GetMetaData(prefix + field)) if image.HasMetaDataKey(prefix + field) else least
-            for field, least in (("Layer", 0), ("LabelValue", 1))
-        )
+        layer, value = _number(image, prefix + "Layer", 0), _number(image, prefix + "LabelValue", 1)
         if not 0 <= layer < array.shape[-1]:
             raise CaseError(
                 case_id, f"{path.name} puts {key} in layer {layer} of {array.shape[-1]}."
@@ -96,6 +94,11 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
             "or save it as a segmentation.",
         )
     return segments
+
+
+def _number(image: sitk.Image, key: str, least: int) -> int:
+    text = image.GetMetaData(key).strip() if image.HasMetaDataKey(key) else ""
+    return int(text) if text.isdigit() else least
 
 
 def _match(name: str, segments: Segments, path: Path, case_id: str) -> str:

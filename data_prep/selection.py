@@ -87,13 +87,13 @@ def cohort_of(name: str, sources: Sequence[CaseSource], exclude: Mapping[str, st
         if case_id not in known or not case_id:
             raise StudyError(f"data.exclude: {_unknown(case_id, known)}")
         if not reason.strip():
-            raise StudyError(f"data.exclude: case {case_id} needs a reason; write it behind its id.")
-    kept, dropped = [], []
+            raise StudyError(f"data.exclude: {case_id} needs a reason; write it behind the id.")
+    kept: list[CaseSource] = []
+    dropped: list[Dropped] = []
     for source in sources:
-        reason = exclude.get(source.case_id) or exclude.get(source.patient)
-        if reason is not None:
-            dropped.append(Dropped(source.case_id, "data", f"excluded: {reason}"))
-        elif reason := why_unusable(source.case_id):
+        excluded = exclude.get(source.case_id) or exclude.get(source.patient)
+        reason = f"excluded: {excluded}" if excluded else why_unusable(source.case_id)
+        if reason:
             dropped.append(Dropped(source.case_id, "data", reason))
         else:
             kept.append(source)

@@ -1,4 +1,4 @@
-"""Left and right organs as one cohort: one side is mirrored, a patient's two sides belong together."""
+"""Left and right organs as one cohort: one side is mirrored, both name their patient."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def side_in_name(case_id: str) -> tuple[Side | None, str]:
 
 
 def mirror_side(sources: Sequence[CaseSource], mirrored: Side) -> list[CaseSource]:
-    """The sources, those of one side reflected when loaded (x → −x), each with its patient.
+    """The sources, those of one side reflected when loaded (x → −x), each with its patient:
+    the one that it has, or the id without its side.
 
     Raises StudyError where an id does not say its side.
     """
@@ -50,8 +51,8 @@ def mirror_side(sources: Sequence[CaseSource], mirrored: Side) -> list[CaseSourc
                 "Ids need a word left or right (or l, r, lh, rh, hemi-L, hemi-R), set apart by "
                 "a dot, dash or underscore."
             )
-        load = partial(_load_mirrored, source.load) if side == mirrored else source.load
-        result.append(replace(source, load=load, patient=patient or source.case_id))
+        load = partial(load_mirrored, source.load) if side == mirrored else source.load
+        result.append(replace(source, load=load, patient=source.patient or patient))
     return result
 
 
@@ -65,5 +66,6 @@ def reflect(case: Mask | Surface) -> Mask | Surface:
     )
 
 
-def _load_mirrored(load: Callable[[], Mask | Surface]) -> Mask | Surface:
+def load_mirrored(load: Callable[[], Mask | Surface]) -> Mask | Surface:
+    """`load`, and the mirror image of what it gives."""
     return reflect(load())

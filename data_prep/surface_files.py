@@ -46,6 +46,19 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
     """
     path = Path(path)
     case_id = case_id or path.stem
+    vertices, faces, space = read_triangles(path, case_id)
+    mesh = Mesh(vertices * RAS_TO_LPS if space == "RAS" else vertices, faces, case_id)
+    if volume(mesh.vertices, mesh.faces) < 0 and not len(boundary_edges(mesh.faces)):
+        mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1], case_id)
+    return mesh
+
+
+def read_triangles(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, str | None]:
+    """Vertices (V, 3) and faces (F, 3) as the file has them, and the space that it states.
+
+    The space is "LPS", "RAS" or None; equal corners of an STL file are one vertex. Raises as
+    `read_mesh` does.
+    """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise CaseError(
@@ -53,7 +66,11 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
         )
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
-    vertices, faces = (_read_vtk if suffix in _VTK else _read_trimesh)(path, case_id)
+    if suffix in _VTK:
+        vertices, faces, space = _read_vtk(path, case_id)
+    else:
+        vertices, faces = _read_trimesh(path, case_id)
+        space = None
     if not len(faces):
         raise CaseError(
             case_id,
@@ -62,12 +79,7 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
         )
     if suffix == ".stl":
         vertices, faces = _merged(vertices, faces)
-    if _header_says_ras(path):
-        vertices = vertices * RAS_TO_LPS
-    mesh = Mesh(vertices, faces, case_id)
-    if volume(mesh.vertices, mesh.faces) < 0 and not len(boundary_edges(mesh.faces)):
-        mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1], case_id)
-    return mesh
+    return vertices, faces, space or _space_in_header(path)
 
 
 def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
@@ -94,7 +106,7 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
+def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, str | None]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
     from vtkmodules.vtkIOLegacy import vtkPolyDataReader
@@ -119,13 +131,12 @@ def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
     triangles.Update()
     surface = triangles.GetOutput()
     if not count:
-        return np.empty((0, 3)), np.empty((0, 3), np.int64)
+        return np.empty((0, 3)), np.empty((0, 3), np.int64), None
     faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
-    space = surface.GetFieldData().GetAbstractArray("SPACE")  # 3D Slicer's, in a .vtp
-    if space is not None and space.GetNumberOfValues() and space.GetValue(0) == "RAS":
-        vertices = vertices * RAS_TO_LPS
-    return vertices, faces.astype(np.int64)
+    note = surface.GetFieldData().GetAbstractArray("SPACE")  # 3D Slicer's, in a .vtp
+    space = str(note.GetValue(0)) if note is not None and note.GetNumberOfValues() else None
+    return vertices, faces.astype(np.int64), space if space in ("LPS", "RAS") else None
 
 
 @contextmanager
@@ -181,7 +192,8 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     return vertices[np.sort(first)], faces
 
 
-def _header_says_ras(path: Path) -> bool:
-    """Whether 3D Slicer's note in the header gives RAS and not LPS."""
+def _space_in_header(path: Path) -> str | None:
+    """"LPS" or "RAS", by 3D Slicer's note in the header; None without one."""
     with path.open("rb") as file:
-        return re.search(rb"SPACE=RAS\b", file.read(_HEADER_BYTES)) is not None
+        found = re.search(rb"SPACE=(LPS|RAS)\b", file.read(_HEADER_BYTES))
+    return found[1].decode() if found else None

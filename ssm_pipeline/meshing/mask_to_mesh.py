@@ -8,9 +8,10 @@ from ssm_pipeline.geometry.topology import is_oriented_manifold
 from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles
 from ssm_pipeline.meshing.isosurface import isosurface
+from ssm_pipeline.meshing.organ import keep_organ
 from ssm_pipeline.meshing.quality import MeshQuality, measure_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
-from ssm_pipeline.meshing.smooth_field import keep_organ, smooth_field
+from ssm_pipeline.meshing.smooth_field import smooth_field
 from ssm_pipeline.meshing.smoothing import laplacian_smoothing, restore_volume
 from ssm_pipeline.records import CaseError, Mask, Mesh
 
@@ -25,7 +26,7 @@ def mesh_from_mask(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQua
     Source: Cao et al. 2024, the LUNA16 experiment (marching cubes, Laplacian smoothing, quadric
     decimation to about 8000 triangles); the rest is ours.
     """
-    organ = keep_organ(mask)
+    organ, cleaning = keep_organ(mask)
     voxel_mm, smoothing_mm = grid_sizes(organ.volume_mm3, settings)
     surface = isosurface(smooth_field(organ, voxel_mm, smoothing_mm), mask.case_id)
     if not is_oriented_manifold(surface.faces):
@@ -41,7 +42,7 @@ def mesh_from_mask(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQua
         surface, handles_cut = cut_handles(surface)
     vertices = restore_volume(surface.vertices, surface.faces, organ.volume_mm3)
     mesh = decimate(Mesh(vertices, surface.faces, mask.case_id), settings.faces)
-    return mesh, measure_quality(mesh, organ, handles_cut, voxel_mm, smoothing_mm)
+    return mesh, measure_quality(mesh, organ, cleaning, handles_cut, voxel_mm, smoothing_mm)
 
 
 def grid_sizes(volume_mm3: float, settings: MeshingSettings) -> tuple[float, float]:

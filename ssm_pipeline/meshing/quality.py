@@ -8,8 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
 from ssm_pipeline.geometry.surface import area, sample_points, volume
 from ssm_pipeline.geometry.topology import boundary_loop_count, euler_number, min_angle_deg
+from ssm_pipeline.meshing.organ import Cleaning
 from ssm_pipeline.records import Mask, Mesh
 
 _SAMPLES = 10_000
@@ -20,9 +22,14 @@ class MeshQuality:
     """What the report says of one case's mesh.
 
     euler_number       2 for a topological sphere; handles_cut were taken away to get there.
-    mask_volume_ml     of the organ's largest piece, cavities filled.
-    surface_mean_mm, surface_hd95_mm   symmetric distance between the mesh and the outer faces of
-                       the mask's voxels: mean and 95th percentile over both directions.
+    mask_volume_ml     of the mask as read; of a surface, once its holes are closed. The change
+                       is the mesh's against it.
+    pieces, left_out_ml, cavities_filled_ml   what the mask fell into, and what of it was left out
+                       or filled to make one solid organ.
+    surface_mean_mm, surface_hd95_mm   symmetric distance between the mesh and what it was made
+                       of: mean and 95th percentile over both directions. Of a mask, the outer
+                       faces of the organ's voxels.
+    voxel_mm, smoothing_mm   of the grid between mask and mesh; of a surface, NaN and 0.
     """
 
     vertices: int
@@ -35,6 +42,9 @@ class MeshQuality:
     volume_ml: float
     mask_volume_ml: float
     volume_change_percent: float
+    pieces: int
+    left_out_ml: float
+    cavities_filled_ml: float
     surface_mean_mm: float
     surface_hd95_mm: float
     voxel_mm: float
@@ -42,7 +52,12 @@ class MeshQuality:
 
 
 def measure_quality(
-    mesh: Mesh, organ: Mask, handles_cut: int, voxel_mm: float, smoothing_mm: float
+    mesh: Mesh,
+    organ: Mask,
+    cleaning: Cleaning,
+    handles_cut: int,
+    voxel_mm: float,
+    smoothing_mm: float,
 ) -> MeshQuality:
     """Measure a mesh against the organ it was made from."""
     distances = mesh_to_mask_distances(mesh, organ)
@@ -56,12 +71,43 @@ def measure_quality(
         min_angle_deg=min_angle_deg(mesh.vertices, mesh.faces),
         area_cm2=area(mesh.vertices, mesh.faces) / 100,
         volume_ml=volume_mm3 / 1000,
-        mask_volume_ml=organ.volume_mm3 / 1000,
-        volume_change_percent=100 * (volume_mm3 / organ.volume_mm3 - 1),
+        mask_volume_ml=cleaning.given / 1000,
+        volume_change_percent=100 * (volume_mm3 / cleaning.given - 1),
+        pieces=cleaning.pieces,
+        left_out_ml=cleaning.left_out / 1000,
+        cavities_filled_ml=cleaning.filled / 1000,
         surface_mean_mm=float(distances.mean()),
         surface_hd95_mm=float(np.percentile(distances, 95)),
         voxel_mm=voxel_mm,
         smoothing_mm=smoothing_mm,
+    )
+
+
+def measure_surface_quality(mesh: Mesh, surface: Mesh, handles_cut: int) -> MeshQuality:
+    """Measure a mesh against the closed surface it was made from."""
+    distance = surface_distance(
+        SurfaceTarget.of(mesh.vertices, mesh.faces),
+        SurfaceTarget.of(surface.vertices, surface.faces),
+    )
+    volume_mm3, given_mm3 = (volume(one.vertices, one.faces) for one in (mesh, surface))
+    return MeshQuality(
+        vertices=len(mesh.vertices),
+        faces=len(mesh.faces),
+        euler_number=euler_number(mesh.faces),
+        boundary_loops=boundary_loop_count(mesh.faces),
+        handles_cut=handles_cut,
+        min_angle_deg=min_angle_deg(mesh.vertices, mesh.faces),
+        area_cm2=area(mesh.vertices, mesh.faces) / 100,
+        volume_ml=volume_mm3 / 1000,
+        mask_volume_ml=given_mm3 / 1000,
+        volume_change_percent=100 * (volume_mm3 / given_mm3 - 1),
+        pieces=1,
+        left_out_ml=0.0,
+        cavities_filled_ml=0.0,
+        surface_mean_mm=distance.mean,
+        surface_hd95_mm=distance.hd95,
+        voxel_mm=np.nan,
+        smoothing_mm=0.0,
     )
 
 

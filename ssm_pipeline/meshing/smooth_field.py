@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import ndimage
 from scipy.special import erf
 
 from ssm_pipeline.records import CaseError, Mask
@@ -28,26 +27,6 @@ class SmoothField:
     origin_mm: np.ndarray
     direction: np.ndarray
     level: float
-
-
-def keep_organ(mask: Mask) -> Mask:
-    """Crop to the mask, keep its largest piece (26-neighbours) and fill enclosed cavities.
-
-    Raises CaseError for an empty mask.
-    """
-    cropped = _crop(mask)
-    pieces, count = ndimage.label(cropped.voxels, structure=np.ones((3, 3, 3)))
-    if count > 1:
-        sizes = np.bincount(pieces.ravel())
-        sizes[0] = 0
-        cropped = _crop(replace(cropped, voxels=pieces == sizes.argmax()))
-    del pieces
-    # A margin of one voxel joins the outside into one piece; what else is empty is a cavity.
-    outside, count = ndimage.label(np.pad(~cropped.voxels, 1, constant_values=True))
-    if count > 1:
-        filled = (outside != outside[0, 0, 0])[1:-1, 1:-1, 1:-1]
-        cropped = replace(cropped, voxels=filled)
-    return cropped
 
 
 def smooth_field(organ: Mask, voxel_mm: float, smoothing_mm: float) -> SmoothField:
@@ -112,16 +91,3 @@ def _apply_along(weights: sp.csr_array, values: np.ndarray, axis: int) -> np.nda
         plane = plane.astype(np.float32, copy=False)
         result[z] = weights @ plane if axis == 1 else (weights @ np.ascontiguousarray(plane.T)).T
     return result
-
-
-def _crop(mask: Mask) -> Mask:
-    lows, highs = [], []
-    for axis in range(3):
-        used = np.flatnonzero(mask.voxels.any(axis=tuple({0, 1, 2} - {axis})))
-        if len(used) == 0:
-            raise CaseError(mask.case_id, "the mask is empty; an organ is needed. Check its label.")
-        lows.append(used[0])
-        highs.append(used[-1] + 1)
-    voxels = mask.voxels[lows[0] : highs[0], lows[1] : highs[1], lows[2] : highs[2]]
-    origin = mask.to_world(np.array(lows[::-1], float))
-    return replace(mask, voxels=np.ascontiguousarray(voxels), origin_mm=origin)

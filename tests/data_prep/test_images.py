@@ -215,14 +215,14 @@ def test_skewed_axes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("offset", [float("nan"), float("inf"), -1e30])
 def test_nifti_offset_of_the_voxels(tmp_path: Path, offset: float) -> None:
     path = nifti_with(tmp_path / "a.nii", {108: struct.pack("<f", offset)})
-    with pytest.raises(CaseError, match="case a: .*puts the voxels at byte"):
+    with pytest.raises(CaseError, match=r"case a: .*puts the voxels at byte"):
         read_mask(path, (1,), "a")
 
 
 @pytest.mark.parametrize("dim", [(3, -5, 4, 4), (9, 4, 4, 4), (0, 4, 4, 4)])
 def test_nifti_dimensions(tmp_path: Path, dim: tuple[int, ...]) -> None:
     path = nifti_with(tmp_path / "a.nii", {40: struct.pack("<4h", *dim)})
-    with pytest.raises(CaseError, match="case a: .*header gives dimensions"):
+    with pytest.raises(CaseError, match=r"case a: .*header gives dimensions"):
         read_mask(path, (1,), "a")
 
 

@@ -118,3 +118,16 @@ def test_luna16s_own_files() -> None:
     np.testing.assert_allclose(mask.spacing_mm, [0.76171875, 0.76171875, 2.5], rtol=1e-6)
     np.testing.assert_allclose(mask.origin_mm, [-198.100006, -195, -335.209991])
     assert 0.4e6 < mask.volume_mm3 < 4.2e6
+
+
+def test_right_lungs_mirrored_and_a_scan_excluded(download: Path) -> None:
+    plain = find_cases(download, side="both")
+    cohort = find_cases(download, side="both", mirror="right", exclude={"1.2.4": "motion"})
+    assert [case.case_id for case in cohort.cases][:2] == ["1.2.30.left", "1.2.30.right"]
+    assert [case.patient for case in cohort.cases] == ["1.2.30"] * 2 + ["1.2.5"] * 2
+    assert [case.case_id for case in cohort.dropped] == ["1.2.4.left", "1.2.4.right"]
+    left, right = cohort.cases[0].load(), cohort.cases[1].load()
+    np.testing.assert_array_equal(left.origin_mm, plain.cases[0].load().origin_mm)
+    there = plain.cases[1].load()
+    index = np.argwhere(there.voxels)[:, ::-1].astype(float)
+    np.testing.assert_allclose(right.to_world(index), there.to_world(index) * [-1, 1, 1])

@@ -65,3 +65,41 @@ def test_real_hippocampi() -> None:
     mask = cohort.cases[0].load()
     assert mask.case_id == "hippocampus_003"
     assert 2e3 < mask.volume_mm3 < 5e3
+
+
+def test_bids_derivatives_are_named_by_subject_and_session(tmp_path: Path) -> None:
+    for name in (
+        "sub-02/anat/sub-02_T1w_desc-manual_dseg.nii.gz",
+        "sub-01/ses-b/anat/sub-01_ses-b_space-orig_dseg.nii.gz",
+        "sub-01/ses-a/anat/sub-01_ses-a_space-orig_dseg.nii.gz",
+        "sub-01/ses-a/anat/sub-01_ses-a_T1w.nii.gz",
+    ):
+        write(tmp_path / name)
+    cohort = find_cases(tmp_path, pattern="sub-*/**/*_dseg.nii.gz")
+    assert [case.case_id for case in cohort.cases] == ["sub-01_ses-a", "sub-01_ses-b", "sub-02"]
+
+
+def test_two_files_of_one_bids_session(tmp_path: Path) -> None:
+    for space in ("orig", "MNI"):
+        write(tmp_path / f"sub-01/anat/sub-01_space-{space}_dseg.nii.gz")
+    with pytest.raises(StudyError, match="two files share the case id sub-01"):
+        find_cases(tmp_path, pattern="sub-*/**/*_dseg.nii.gz")
+    assert len(find_cases(tmp_path, pattern="sub-*/**/*space-MNI_dseg.nii.gz").cases) == 1
+
+
+def test_visits_and_sides_of_one_patient_belong_together(tmp_path: Path) -> None:
+    for side in "LR":
+        write(tmp_path / f"sub-01/anat/sub-01_hemi-{side}_dseg.nii.gz")
+    cohort = find_cases(tmp_path, pattern="sub-*/**/*_dseg.nii.gz", mirror="right")
+    left, right = cohort.cases
+    assert (left.case_id, right.case_id) == ("sub-01_hemi-L", "sub-01_hemi-R")
+    assert left.patient == right.patient == "sub-01"
+    one, other = left.load(), right.load()
+    index = np.argwhere(one.voxels)[:, ::-1].astype(float)
+    np.testing.assert_allclose(other.to_world(index), one.to_world(index) * [-1, 1, 1])
+
+
+def test_the_background_is_no_organ(tmp_path: Path) -> None:
+    write(tmp_path / "a.nii.gz")
+    with pytest.raises(StudyError, match="label 0 is the background"):
+        find_cases(tmp_path, labels=(0, 1))

@@ -84,8 +84,13 @@ def test_the_largest_of_two_pieces_is_kept() -> None:
     mesh, quality = mesh_from_mask(both, COARSE)
     np.testing.assert_allclose(centroid(mesh.vertices, mesh.faces), [8, 0, 0], atol=0.1)
     large = mask_of(lambda p: ball(12)(p - [8, 0, 0]), 26)
-    assert quality.mask_volume_ml == pytest.approx(large.volume_mm3 / 1000)
-    assert quality.volume_change_percent == pytest.approx(0, abs=0.05)
+    assert quality.mask_volume_ml == pytest.approx(both.volume_mm3 / 1000)  # before cleaning
+    assert quality.left_out_ml == pytest.approx((both.volume_mm3 - large.volume_mm3) / 1000)
+    assert quality.pieces == 2
+    assert quality.volume_ml == pytest.approx(large.volume_mm3 / 1000, rel=5e-4)
+    assert quality.volume_change_percent == pytest.approx(
+        100 * (large.volume_mm3 / both.volume_mm3 - 1), abs=0.05
+    )
     assert quality.euler_number == 2
 
 
@@ -94,8 +99,10 @@ def test_cavities_are_filled() -> None:
         mask_of(inside, 20) for inside in (lambda p: ball(15)(p) & ~ball(6)(p), ball(15))
     )
     _, quality = mesh_from_mask(hollow, COARSE)
-    assert quality.mask_volume_ml == pytest.approx(full.volume_mm3 / 1000)
-    assert quality.volume_change_percent == pytest.approx(0, abs=0.05)
+    assert quality.mask_volume_ml == pytest.approx(hollow.volume_mm3 / 1000)
+    cavity = full.volume_mm3 - hollow.volume_mm3
+    assert quality.cavities_filled_ml == pytest.approx(cavity / 1000)
+    assert quality.volume_ml == pytest.approx(full.volume_mm3 / 1000, rel=5e-4)
 
 
 def test_a_torus_keeps_its_handle_or_loses_it_as_asked() -> None:

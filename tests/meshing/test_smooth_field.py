@@ -4,7 +4,8 @@ import numpy as np
 from mask_shapes import ball, mask_of
 from scipy.special import erf
 
-from ssm_pipeline.meshing.smooth_field import keep_organ, smooth_field
+from ssm_pipeline.meshing.organ import keep_organ
+from ssm_pipeline.meshing.smooth_field import smooth_field
 from ssm_pipeline.records import Mask
 
 
@@ -14,7 +15,7 @@ def test_a_box_blurs_to_products_of_error_functions() -> None:
     spacing = np.array([1.0, 0.7, 2.0])
     mask = Mask(voxels, spacing, np.array([3.0, -4.0, 5.0]), np.eye(3), "box")
     sigma, step = 1.5, 0.9
-    field = smooth_field(keep_organ(mask), step, sigma)
+    field = smooth_field(keep_organ(mask)[0], step, sigma)
     low = mask.origin_mm + (np.array([1, 2, 1]) - 0.5) * spacing
     high = mask.origin_mm + (np.array([9, 10, 5]) - 0.5) * spacing
     along = [
@@ -29,7 +30,7 @@ def test_a_box_blurs_to_products_of_error_functions() -> None:
 
 
 def test_the_level_keeps_the_volume() -> None:
-    organ = keep_organ(mask_of(ball(9), 12))
+    organ, _ = keep_organ(mask_of(ball(9), 12))
     field = smooth_field(organ, 0.5, 3.0)
     kept = (field.values > field.level).sum() * field.voxel_mm**3
     assert abs(kept / organ.volume_mm3 - 1) < 1e-4
@@ -38,7 +39,7 @@ def test_the_level_keeps_the_volume() -> None:
 
 def test_keep_organ_crops_without_moving() -> None:
     mask = mask_of(lambda p: ball(5)(p - [6, -3, 2]), 15, (1.0, 1.5, 2.0), centre=(10, 20, 30))
-    organ = keep_organ(mask)
+    organ, _ = keep_organ(mask)
     assert organ.voxels.size < mask.voxels.size
     for one in (mask, organ):
         centre = one.to_world(np.argwhere(one.voxels).mean(axis=0)[::-1])

@@ -1,0 +1,122 @@
+"""Segments by name, from files that slicerio and highdicom write."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from scipy.spatial.transform import Rotation
+from seg_files import write_dicom_seg, write_seg_nrrd
+
+from data_prep.mask_folder import find_cases
+from data_prep.segments import read_segments
+from ssm_pipeline.records import CaseError, Mask, StudyError
+
+DIRECTION = Rotation.from_euler("zyx", [25, -15, 40], degrees=True).as_matrix()
+
+
+def two_organs() -> tuple[Mask, dict[str, np.ndarray]]:
+    """An oblique, anisotropic grid with two boxes that overlap."""
+    liver, spleen = np.zeros((2, 14, 18, 22), bool)
+    liver[3:9, 4:14, 3:12] = True
+    spleen[6:11, 5:15, 10:19] = True
+    mask = Mask(liver, np.array([0.7, 0.9, 2.5]), np.array([-30.0, 12, 200]), DIRECTION, "a")
+    return mask, {"liver": liver, "Left spleen": spleen}
+
+
+def points_of(mask: Mask) -> np.ndarray:
+    """Where the voxels lie, sorted: the same whatever order the file has them in."""
+    points = mask.to_world(np.argwhere(mask.voxels)[:, ::-1].astype(float))
+    return points[np.lexsort(np.round(points, 3).T)]
+
+
+def write(kind: str, path: Path, mask: Mask, segments: dict[str, np.ndarray]) -> Path:
+    if kind == "seg.nrrd":
+        return write_seg_nrrd(path / "a.seg.nrrd", mask, segments)
+    return write_dicom_seg(path / "a.dcm", mask, segments)
+
+
+@pytest.mark.parametrize("kind", ["seg.nrrd", "dicom"])
+def test_a_segment_lies_where_it_was_written(tmp_path: Path, kind: str) -> None:
+    mask, segments = two_organs()
+    path = write(kind, tmp_path, mask, segments)
+    for name, voxels in segments.items():
+        expected = points_of(dataclasses.replace(mask, voxels=voxels))
+        found = read_segments(path, (name,), "a")
+        np.testing.assert_allclose(points_of(found), expected, atol=1e-4)  # text of 6 to 9 digits
+        assert found.warnings == ()
+    both = read_segments(path, tuple(segments), "a")
+    assert both.voxels.sum() == np.logical_or(*segments.values()).sum()
+    assert read_segments(path, ("LIVER",), "a").voxels.sum() == segments["liver"].sum()
+
+
+@pytest.mark.parametrize("kind", ["seg.nrrd", "dicom"])
+def test_a_name_that_is_not_there(tmp_path: Path, kind: str) -> None:
+    path = write(kind, tmp_path, *two_organs())
+    with pytest.raises(CaseError, match=r"case a: .*no segment livr; it has Left spleen, liver.*"):
+        read_segments(path, ("livr",), "a")
+
+
+def test_one_layer_of_two_labels(tmp_path: Path) -> None:
+    """3D Slicer puts segments that don't overlap into one layer, by value."""
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[2:6, 2:10, 2:10], labels[7:11, 2:10, 2:10] = 1, 2
+    image = sitk.GetImageFromArray(labels)
+    for number, name in ((0, "liver"), (1, "spleen")):
+        image.SetMetaData(f"Segment{number}_Name", name)
+        image.SetMetaData(f"Segment{number}_LabelValue", str(number + 1))
+        image.SetMetaData(f"Segment{number}_Layer", "0")
+    path = tmp_path / "a.seg.nrrd"
+    sitk.WriteImage(image, str(path))
+    np.testing.assert_array_equal(read_segments(path, ("spleen",), "a").voxels, labels == 2)
+
+
+def test_a_fractional_dicom_seg_is_asked_for_its_threshold(tmp_path: Path) -> None:
+    mask, segments = two_organs()
+    soft = segments["liver"] * np.linspace(0.2, 1.0, 18)[:, None]
+    path = write_dicom_seg(tmp_path / "a.dcm", mask, {"liver": soft}, kind="FRACTIONAL")
+    with pytest.raises(CaseError, match=r"data\.threshold"):
+        read_segments(path, ("liver",), "a")
+    found = read_segments(path, ("liver",), "a", threshold=0.5)
+    assert found.voxels.sum() == (soft > 0.5).sum()
+
+
+def test_one_folder_a_patient(tmp_path: Path) -> None:
+    mask, segments = two_organs()
+    for patient in ("p1", "p2"):
+        (tmp_path / patient / "SEG").mkdir(parents=True)
+        write_dicom_seg(tmp_path / patient / "SEG" / "1.2.840.7", mask, segments)  # no suffix
+        (tmp_path / patient / "notes.txt").write_text("no DICOM")
+        (tmp_path / patient / "DICOMDIR").write_bytes(b"short")
+    cohort = find_cases(tmp_path, segments=("liver",))
+    assert [case.case_id for case in cohort.cases] == ["p1", "p2"]
+    assert cohort.cases[0].load().voxels.sum() == segments["liver"].sum()
+    write_seg_nrrd(tmp_path / "p1" / "again.seg.nrrd", mask, segments)
+    with pytest.raises(StudyError, match="two files share the case id p1"):
+        find_cases(tmp_path, segments=("liver",))
+
+
+def test_files_side_by_side_are_named_by_file(tmp_path: Path) -> None:
+    mask, segments = two_organs()
+    for name in ("b", "a"):
+        write_seg_nrrd(tmp_path / f"{name}.seg.nrrd", mask, segments)
+    cohort = find_cases(tmp_path, segments=("Left spleen",))
+    assert [case.case_id for case in cohort.cases] == ["a", "b"]
+    assert [case.case_id for case in find_cases(tmp_path).cases] == ["a", "b"]  # by label
+
+
+@pytest.mark.parametrize("share", [0.7, 0.1])
+@pytest.mark.parametrize("kind", ["seg.nrrd", "dicom"])
+def test_a_damaged_file_names_its_case(tmp_path: Path, kind: str, share: float) -> None:
+    path = write(kind, tmp_path, *two_organs())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(CaseError, match="case scan_1: "):
+        read_segments(path, ("liver",), "scan_1")
+
+
+def test_a_nrrd_without_names(tmp_path: Path) -> None:
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones((9, 9, 9), np.uint8)), tmp_path / "a.nrrd")
+    with pytest.raises(CaseError, match=r"case a: a\.nrrd names no segments"):
+        read_segments(tmp_path / "a.nrrd", ("liver",), "a")
