@@ -8,7 +8,7 @@ from ssm_pipeline.meshing.organ import keep_organ
 
 
 def test_two_organs_of_one_size_under_one_label() -> None:
-    both = mask_of(lambda p: ball(8)(p - [12, 0, 0]) | ball(8)(p + [12, 0, 0]), 24)
+    both = mask_of(lambda p: ball(8)(p - [12, 0, 0]) | ball(8)(p - [-12, 0, 0]), 24)
     organ, cleaning = keep_organ(both)
     assert organ.volume_mm3 == pytest.approx(both.volume_mm3 / 2)
     assert (cleaning.pieces, cleaning.given) == (2, both.volume_mm3)
