@@ -6,7 +6,6 @@ from pathlib import Path
 
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import CaseError
-from ssm_pipeline.study.cohort import find_cohort
 from ssm_pipeline.study.study import Study
 
 
@@ -16,7 +15,7 @@ def check_study(study: Study, terminal: Terminal) -> bool:
     if study.settings.data.source == "phantoms":
         terminal.say("masks      none given: synthetic phantoms will be made")
         return True
-    cohort = find_cohort(study.settings, Path())
+    cohort = study.settings.data.find(Path())
     usable = 0
     with terminal.steps("masks", len(cohort.cases)) as steps:
         for number, case in enumerate(cohort.cases, start=1):

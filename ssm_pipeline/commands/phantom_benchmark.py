@@ -19,7 +19,8 @@ from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import load_run
-from ssm_pipeline.study.settings import PhantomData, StudySettings
+from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.sources import PhantomData
 
 TURNED_DEG = 40.0
 POSES = {"as scanned": 0.0, "turned": TURNED_DEG}

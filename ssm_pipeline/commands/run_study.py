@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from ssm_pipeline.engine.runner import Job, RunOptions, run_stages
 from ssm_pipeline.engine.stage import Stage
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.stages.list import STAGES
-from ssm_pipeline.study.cohort import find_cohort
 from ssm_pipeline.study.settings import StudySettings
 
 
@@ -30,6 +28,6 @@ def run_study(
         settings,
         data=settings.data.in_words,
         is_synthetic=settings.is_synthetic,
-        find_cohort=partial(find_cohort, settings),
+        find_cohort=settings.data.find,
     )
     return run_stages(job, stages, options, terminal)

@@ -30,6 +30,7 @@ class MeshQuality:
                        of: mean and 95th percentile over both directions. Of a mask, the outer
                        faces of the organ's voxels.
     voxel_mm, smoothing_mm   of the grid between mask and mesh; of a surface, NaN and 0.
+    warnings           what was left out, filled or mended, in words, where it is worth a look.
     """
 
     vertices: int
@@ -49,6 +50,7 @@ class MeshQuality:
     surface_hd95_mm: float
     voxel_mm: float
     smoothing_mm: float
+    warnings: tuple[str, ...]
 
 
 def measure_quality(
@@ -80,11 +82,14 @@ def measure_quality(
         surface_hd95_mm=float(np.percentile(distances, 95)),
         voxel_mm=voxel_mm,
         smoothing_mm=smoothing_mm,
+        warnings=cleaning.warnings,
     )
 
 
-def measure_surface_quality(mesh: Mesh, surface: Mesh, handles_cut: int) -> MeshQuality:
-    """Measure a mesh against the closed surface it was made from."""
+def measure_surface_quality(
+    mesh: Mesh, surface: Mesh, handles_cut: int, told: tuple[str, ...]
+) -> MeshQuality:
+    """Measure a mesh against the closed surface it was made from; `told`: how that was mended."""
     distance = surface_distance(
         SurfaceTarget.of(mesh.vertices, mesh.faces),
         SurfaceTarget.of(surface.vertices, surface.faces),
@@ -108,6 +113,7 @@ def measure_surface_quality(mesh: Mesh, surface: Mesh, handles_cut: int) -> Mesh
         surface_hd95_mm=distance.hd95,
         voxel_mm=np.nan,
         smoothing_mm=0.0,
+        warnings=told,
     )
 
 

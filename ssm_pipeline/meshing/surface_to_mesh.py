@@ -13,12 +13,10 @@ from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import Mesh, Surface
 
 
-def mesh_from_surface(
-    surface: Surface, settings: MeshingSettings
-) -> tuple[Mesh, MeshQuality, tuple[str, ...]]:
+def mesh_from_surface(surface: Surface, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
     """Repair, cut handles, and bring to the wanted number of triangles; nothing is smoothed.
 
-    Returns the mesh, its quality against the repaired surface, and what was done, in words.
+    The quality is against the repaired surface.
     Raises CaseError where no closed manifold surface results.
     """
     whole, told = repair(surface, settings.hole_percent)
@@ -29,7 +27,7 @@ def mesh_from_surface(
     while len(fine.faces) < 2 * settings.faces:  # twice: decimation then places them evenly
         fine = subdivide(fine)
     mesh = decimate(fine, settings.faces)
-    return mesh, measure_surface_quality(mesh, whole, handles_cut), told
+    return mesh, measure_surface_quality(mesh, whole, handles_cut, told)
 
 
 def subdivide(mesh: Mesh) -> Mesh:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.records import Cohort
 from ssm_pipeline.stages.context import Context
-from ssm_pipeline.study.cohort import what_a_case_rests_on
 
 
 def list_cases(context: Context) -> Outcome:
-    """cohort.csv: the cases and the files they rest on."""
+    """cohort.csv: the cases, whom they are of, and the files they rest on."""
     rows = [
-        {"case_id": case.case_id, "files": "; ".join(path.name for path in case.files)}
+        {
+            "case_id": case.case_id,
+            "patient": case.patient or case.case_id,
+            "files": "; ".join(path.name for path in case.files),
+        }
         for case in context.cohort.cases
     ]
     context.write_table("cohort", rows)
-    rests_on = what_a_case_rests_on(context.settings)
+    rests_on = context.settings.data.case_settings()
     keys = {case_id: context.case_key(case_id, case_id, rests_on) for case_id in context.case_keys}
     return Outcome(keys, context.cohort.dropped, note=_how_affine(context.cohort))
 

@@ -18,7 +18,8 @@ from ssm_pipeline.stages.compared_methods import corresponded_shapes, method_fol
 from ssm_pipeline.stages.context import Context
 from ssm_pipeline.stages.retrained_folds import retrained_generalisation
 from ssm_pipeline.stages.run import Run
-from ssm_pipeline.study.settings import Luna16Data, StudySettings
+from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.sources import Luna16Data
 
 
 def evaluate_methods(context: Context) -> Outcome:

@@ -1,4 +1,4 @@
-"""Stage `meshing`: every mask to a surface."""
+"""Stage `meshing`: every mask, or surface as it came, to a mesh."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.meshing.settings import MeshingSettings
-from ssm_pipeline.records import CaseSource
+from ssm_pipeline.records import CaseSource, Surface
 from ssm_pipeline.stages.context import Context
 
 
@@ -33,11 +33,15 @@ def make_meshes(context: Context) -> Outcome:
 
 
 def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
-    """mesh.npz; the row is its quality and the mask's warnings."""
+    """mesh.npz; the row is its quality, and what a reader should know of the case."""
     from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+    from ssm_pipeline.meshing.surface_to_mesh import mesh_from_surface
 
-    mask = case.load()
-    mesh, quality = mesh_from_mask(mask, settings)
+    given = case.load()
+    if isinstance(given, Surface):
+        mesh, quality = mesh_from_surface(given, settings)
+    else:
+        mesh, quality = mesh_from_mask(given, settings)
     storage.save(mesh, folder / "mesh.npz")
-    remarks = {"warnings": "; ".join(mask.warnings)}
+    remarks = {"warnings": "; ".join([*given.warnings, *quality.warnings])}
     return {"case_id": case.case_id, **dataclasses.asdict(quality), **remarks}

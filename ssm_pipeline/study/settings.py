@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import yaml
 from pydantic import Field, model_validator
 
-from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.evaluation.settings import EvaluationSettings
@@ -18,53 +16,8 @@ from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.shape_model.settings import GroupwiseSettings, ShapeModelSettings
 from ssm_pipeline.spectral.settings import SpectralSettings
+from ssm_pipeline.study.sources import DataSettings, PhantomData
 from ssm_pipeline.training.settings import TrainingSettings
-
-
-class Luna16Data(Settings):
-    """Lung masks in LUNA16's own layout."""
-
-    source: Literal["luna16"] = "luna16"
-    folder: Path | None = None  # holds seg-lungs-LUNA16, or its files; --data sets it
-    side: Literal["left", "right", "both"] = "left"  # lung
-    subset: int | None = None  # keep the scans whose CT lies in subset<k> beside the masks
-    cases: tuple[str, ...] | None = None  # series UIDs; None: all
-    limit: int | None = Field(None, ge=1)  # scans; None: all
-    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
-
-    @property
-    def in_words(self) -> str:
-        return f"the masks in {self.folder}"
-
-
-class MaskFolderData(Settings):
-    """A folder of label images (.nii.gz, .nii, .nrrd, .mhd, .mha) of any organ."""
-
-    source: Literal["masks"] = "masks"
-    folder: Path | None = None  # --data sets it
-    labels: tuple[int, ...] = Field((1,), min_length=1)  # united to one organ
-    pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
-    organ: str = "organ"  # its name in messages
-    cases: tuple[str, ...] | None = None  # case ids; None: all
-    limit: int | None = Field(None, ge=1)  # cases; None: all
-    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
-
-    @property
-    def in_words(self) -> str:
-        return f"the masks in {self.folder}"
-
-
-class PhantomData(PhantomSettings):
-    """Synthetic organs with known correspondences."""
-
-    source: Literal["phantoms"] = "phantoms"
-
-    @property
-    def in_words(self) -> str:
-        return "synthetic phantoms"
-
-
-DataSettings = Annotated[Luna16Data | MaskFolderData | PhantomData, Field(discriminator="source")]
 
 
 class ComparisonSettings(Settings):

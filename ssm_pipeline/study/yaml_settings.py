@@ -65,7 +65,7 @@ def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind
         for problem in error.errors():
             # The discriminator of `data` appears in the location; it is no key of the file.
             where = [str(part) for part in problem["loc"]]
-            if where[:1] == ["data"] and where[1:2] and where[1] in ("luna16", "masks", "phantoms"):
+            if ":".join(where[:2]) in known and where[:1] == ["data"]:
                 section, where = f"data:{where[1]}", ["data", *where[2:]]
             else:
                 section = ".".join(where[:-1])

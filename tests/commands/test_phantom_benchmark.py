@@ -16,7 +16,8 @@ from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.list import STAGES
-from ssm_pipeline.study.settings import PhantomData, StudySettings
+from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.sources import PhantomData
 
 
 @pytest.fixture(scope="module")

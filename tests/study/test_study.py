@@ -9,7 +9,8 @@ from pydantic import BaseModel
 
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.known_keys import known_keys
-from ssm_pipeline.study.settings import Luna16Data, PhantomData, StudySettings
+from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.sources import Luna16Data, PhantomData
 from ssm_pipeline.study.study import merge, parse_change, read_study
 
 WORKFLOWS = sorted((Path(__file__).parents[2] / "workflows").glob("*.yaml"))

@@ -1,0 +1,162 @@
+"""Where a study's cases come from: one class a source, and, at the end, the list of them.
+
+A new source is a module in `data_prep` that finds its cases, a class here, and a line in the list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from data_prep.phantom_settings import PhantomSettings
+from ssm_pipeline.records import Cohort, StudyError
+from ssm_pipeline.settings import Settings
+
+Side = Literal["left", "right"]
+
+
+def _an_organ(label: int) -> int:
+    if label == 0:
+        raise ValueError("label 0 is the background, and no organ. Name the organ's own label")
+    return label
+
+
+Label = Annotated[int, AfterValidator(_an_organ)]
+
+
+class FolderData(Settings):
+    """What all folders of cases have in common."""
+
+    folder: Path | None = None  # --data sets it
+    cases: tuple[str, ...] | None = None  # case ids; None: all
+    limit: int | None = Field(None, ge=1)  # cases; None: all
+    exclude: Mapping[str, str] = Field({})  # case id: why it is left out; shown beside the case
+    mirror: Side | None = None  # the side that is reflected: left and right are one cohort
+
+    @property
+    def noun(self) -> str:
+        return "masks"
+
+    @property
+    def in_words(self) -> str:
+        return f"the {self.noun} in {self.folder}"
+
+    def find(self, run_folder: Path) -> Cohort:
+        """The cases; nothing is read before one is loaded. Raises StudyError."""
+        raise NotImplementedError
+
+    def case_settings(self) -> dict[str, Any]:
+        """What changes a case itself, and not which cases there are."""
+        which = {"folder", "cases", "limit", "exclude", "pattern", "organ", "subset"}
+        return self.model_dump(mode="json", exclude=which)
+
+    def _given_folder(self) -> Path:
+        if self.folder is None:
+            raise StudyError(f"no {self.noun} given. Pass --data FOLDER, or set data.folder.")
+        return self.folder
+
+    def _choice(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("cases", "limit", "exclude", "mirror")}
+
+
+class Luna16Data(FolderData):
+    """Lung masks in LUNA16's own layout; the folder holds seg-lungs-LUNA16, or its files."""
+
+    source: Literal["luna16"] = "luna16"
+    side: Literal["left", "right", "both"] = "left"  # lung; cases and limit count scans
+    subset: int | None = None  # keep the scans whose CT lies in subset<k> beside the masks
+    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
+
+    @model_validator(mode="after")
+    def _two_sides_to_mirror(self) -> Luna16Data:
+        if self.mirror and self.side != "both":
+            raise ValueError(f"mirror is {self.mirror} and side {self.side}; set side to both")
+        return self
+
+    def find(self, run_folder: Path) -> Cohort:
+        from data_prep import luna16
+
+        return luna16.find_cases(
+            self._given_folder(),
+            side=self.side,
+            subset=self.subset,
+            allow_truncated=self.allow_truncated,
+            **self._choice(),
+        )
+
+
+class MaskFolderData(FolderData):
+    """A folder of label images (.nii.gz, .nii, .nrrd, .mhd, .mha) of any organ, or of
+    segmentations with named segments (.seg.nrrd, DICOM SEG)."""
+
+    source: Literal["masks"] = "masks"
+    labels: tuple[Label, ...] = Field((1,), min_length=1)  # united to one organ
+    segments: tuple[str, ...] = ()  # names, united, in place of labels: .seg.nrrd and DICOM SEG
+    threshold: float | None = None  # in place of labels, of probability maps: organ is above it
+    pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
+    organ: str = "organ"  # its name in messages
+    allow_truncated: bool = True  # keep organs that touch the image border, with a warning
+
+    def find(self, run_folder: Path) -> Cohort:
+        from data_prep import mask_folder
+
+        return mask_folder.find_cases(
+            self._given_folder(),
+            labels=self.labels,
+            segments=self.segments,
+            threshold=self.threshold,
+            pattern=self.pattern,
+            organ=self.organ,
+            allow_truncated=self.allow_truncated,
+            **self._choice(),
+        )
+
+
+class MeshFolderData(FolderData):
+    """A folder of surfaces (.ply, .stl, .obj, .off, .vtk, .vtp) of any organ."""
+
+    source: Literal["meshes"] = "meshes"
+    unit: Literal["mm", "cm", "m"] | None = None  # of the files; None: mm, if the size could be
+    space: Literal["LPS", "RAS"] | None = None  # of files that don't say it; None: LPS
+    pattern: str | None = None  # glob below the folder, such as */liver.stl; None: its files
+
+    @property
+    def noun(self) -> str:
+        return "surfaces"
+
+    def find(self, run_folder: Path) -> Cohort:
+        from data_prep import surface_folder
+
+        return surface_folder.find_cases(
+            self._given_folder(),
+            pattern=self.pattern,
+            unit=self.unit,
+            space=self.space,
+            **self._choice(),
+        )
+
+
+class PhantomData(PhantomSettings):
+    """Synthetic organs with known correspondences, made in `<run>/data/phantoms`."""
+
+    source: Literal["phantoms"] = "phantoms"
+
+    @property
+    def in_words(self) -> str:
+        return "synthetic phantoms"
+
+    def find(self, run_folder: Path) -> Cohort:
+        from data_prep.phantoms import make_cohort
+
+        return make_cohort(run_folder / "data" / "phantoms", self)
+
+    def case_settings(self) -> dict[str, Any]:
+        return {}  # the files say it all
+
+
+DataSettings = Annotated[
+    Luna16Data | MaskFolderData | MeshFolderData | PhantomData, Field(discriminator="source")
+]
