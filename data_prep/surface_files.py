@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from data_prep.image_files import damaged
+from data_prep.nifti_header import damaged
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
 from ssm_pipeline.records import CaseError, Mesh

@@ -103,20 +103,49 @@ def list_studies() -> None:
 @app.command()
 def init(
     name: Annotated[str, typer.Argument(help="Name of the new study.")],
-    masks: Annotated[Path, typer.Option("--masks", help="Folder with the label images.")],
+    masks: Annotated[
+        Path | None,
+        typer.Option("--masks", help="Folder with the label images.", show_default=False),
+    ] = None,
+    meshes: Annotated[
+        Path | None,
+        typer.Option("--meshes", help="Folder with surfaces instead.", show_default=False),
+    ] = None,
     label: Annotated[
-        list[int], typer.Option("--label", help="Label of the organ. Repeated: united.")
-    ],
+        list[int] | None,
+        typer.Option("--label", help="Label of the organ. Repeated: united.", show_default=False),
+    ] = None,
+    segment: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--segment",
+            help="Name of the organ's segment, in .seg.nrrd and DICOM SEG. Repeated: united.",
+            show_default=False,
+        ),
+    ] = None,
+    threshold: Annotated[
+        float | None,
+        typer.Option(help="Of probability maps: organ is above it.", show_default=False),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Of the surfaces: mm, cm or m.", show_default=False)
+    ] = None,
+    mirror: Annotated[
+        str | None,
+        typer.Option(help="left or right: that side is reflected.", show_default=False),
+    ] = None,
     pattern: Annotated[
         str | None,
         typer.Option(help="Glob below the folder, as */liver.nii.gz.", show_default=False),
     ] = None,
 ) -> None:
-    """Write the YAML of a new study on a folder of masks, with comments."""
-    from ssm_pipeline.commands.new_study import write_study
+    """Write the YAML of a new study on a folder of masks or surfaces, with comments."""
+    from ssm_pipeline.commands.new_study import data_of, write_study
 
-    path = write_study(name, masks, tuple(label), pattern)
-    typer.echo(f"wrote {path}. Look it over, then: workflow run {name}")
+    how = {"labels": label, "segments": segment, "threshold": threshold, "unit": unit}
+    data = data_of(masks, meshes, {**how, "mirror": mirror, "pattern": pattern})
+    path = write_study(name, data)
+    typer.echo(f"wrote {path}. Look it over, then: workflow check {name}")
 
 
 benchmark = typer.Typer(help="Measure the method where the truth is known.", no_args_is_help=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from data_prep import mask_folder
 from ssm_pipeline import storage
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.study.sources import MaskFolderData, MeshFolderData
+from ssm_pipeline.study.yaml_settings import checked_as
 
 TEMPLATE = """\
 # A study: every key is a setting; what is left out has its default.
@@ -16,11 +19,8 @@ description: {description}
 seed: 0                    # of every random draw
 
 data:
-  source: masks            # a folder of label images: .nii.gz, .nii, .nrrd, .mhd, .mha
-  folder: {folder}
-  labels: {labels}              # several are united to one organ
-  pattern: {pattern}            # glob below the folder, as "*/liver.nii.gz"; null: its files
-  allow_truncated: true    # false drops organs that touch the image border
+{data}
+  exclude: {{}}              # {{case_7: motion}} leaves a case out, and says why
 
 meshing:
   faces: 8000              # triangles of each surface
@@ -31,25 +31,75 @@ spectral:
 shape_model:
   with_scale: false        # true removes size from the model; false keeps it as a mode
 """
+# A line a setting: its name, and a comment.
+_OF_MASKS = {
+    "source": "a folder of label images: .nii.gz, .nii, .nrrd, .mhd, .mha; or .seg.nrrd, DICOM SEG",
+    "folder": "",
+    "labels": "several are united to one organ",
+    "segments": "names, in place of labels, of .seg.nrrd and DICOM SEG",
+    "threshold": "in place of labels, of probability maps: organ is what lies above it",
+    "pattern": 'glob below the folder, as "*/liver.nii.gz"; null: its files',
+    "mirror": "left or right: that side is reflected; null: none",
+    "allow_truncated": "false drops organs that touch the image border",
+}
+_OF_MESHES = {
+    "source": "a folder of surfaces: .ply, .stl, .obj, .off, .vtk, .vtp",
+    "folder": "",
+    "unit": "of the files: mm, cm or m; null: mm, if the size could be an organ's",
+    "space": "LPS or RAS, of files that don't say it; null: LPS",
+    "pattern": 'glob below the folder, as "*/liver.stl"; null: its files',
+    "mirror": "left or right: that side is reflected; null: none",
+}
 
 
-def write_study(name: str, masks: Path, labels: tuple[int, ...], pattern: str | None) -> Path:
-    """Write `<name>.yaml` here. Returns its path.
+def data_of(
+    masks: Path | None, meshes: Path | None, given: Mapping[str, Any]
+) -> MaskFolderData | MeshFolderData:
+    """The settings that `init`'s options mean; those given as None or [] have their default.
 
-    Raises StudyError for a folder without masks, a name with a path in it, or a file that exists.
+    Raises StudyError where not one of both folders is given, or an option fits neither.
+    """
+    folder = masks if masks is not None else meshes
+    if folder is None or (masks is not None and meshes is not None):
+        raise StudyError("give one folder: --masks DIR with label images, or --meshes DIR.")
+    wanted = {name: value for name, value in given.items() if value not in (None, [])}
+    if meshes is not None:
+        return checked_as(MeshFolderData, {"folder": folder, **wanted}, Path("workflow init"))
+    if len({"labels", "segments", "threshold"} & set(wanted)) != 1:
+        raise StudyError(
+            "say once what the organ is: --label 3, --segment liver, or --threshold 0.5."
+        )
+    return checked_as(MaskFolderData, {"folder": folder, **wanted}, Path("workflow init"))
+
+
+def write_study(name: str, data: MaskFolderData | MeshFolderData) -> Path:
+    """Write `<name>.yaml` here, on the cases of `data`. Returns its path.
+
+    Raises StudyError for a folder without cases, a name with a path in it, or a file that exists.
     """
     path = Path(f"{name}.yaml")
-    if path.name != str(path):
+    if path.name != str(path) or not name.strip(". "):
         raise StudyError(f"{name} is not a plain name; give one without folders, as my-study.")
     if path.exists():
         raise StudyError(f"{path} exists. Give another name, or delete it.")
-    cohort = mask_folder.find_cases(masks, labels=labels, pattern=pattern)
+    cohort = data.find(Path())
+    assert data.folder is not None  # `find` refuses one without
     content = TEMPLATE.format(
         name=name,
-        description=json.dumps(f"{len(cohort.cases)} masks of {masks.name}"),
-        folder=json.dumps(str(masks.resolve())),
-        labels=list(labels),
-        pattern=json.dumps(pattern),
+        description=json.dumps(f"{len(cohort.cases)} {data.noun} of {data.folder.name}"),
+        data="\n".join(_lines(data)),
     )
     storage.write_text(path, content)
     return path
+
+
+def _lines(data: MaskFolderData | MeshFolderData) -> list[str]:
+    values = data.model_dump(mode="json")
+    assert data.folder is not None
+    values["folder"] = str(data.folder.resolve())
+    comments = _OF_MASKS if isinstance(data, MaskFolderData) else _OF_MESHES
+    lines = []
+    for key, comment in comments.items():
+        setting = f"  {key}: {values[key] if key == 'source' else json.dumps(values[key])}"
+        lines.append(f"{setting:<26} # {comment}" if comment else setting)
+    return lines

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,7 @@ def evaluate_method(
     seed: int,
     with_scale: bool = False,
     jobs: int = 1,
+    patients: Mapping[str, str] | None = None,
 ) -> Metrics:
     """Score one method's correspondences and the shape model they give.
 
@@ -37,6 +38,7 @@ def evaluate_method(
     meshes        the cases' original meshes in their own millimetres, in any order.
     with_scale    whether the alignment removes size; distances are then those of scaled shapes.
     jobs          processes for the draws; the numbers do not depend on it.
+    patients      case id → patient, where one has several cases: they are held out together.
 
     Returns tables, each with the columns method and seed:
     compactness          a row per number of modes;
@@ -51,7 +53,8 @@ def evaluate_method(
     model = build(aligned)
     # A stream each, so that one table doesn't change when another asks for more draws.
     for_cases, for_draws, for_fit = np.random.default_rng(seed).spawn(3)
-    folds = held_out_folds(len(moved), settings.folds, seed)
+    groups = [patients[i] for i in corresponded.case_ids] if patients is not None else None
+    folds = held_out_folds(len(moved), settings.folds, seed, groups)
     per_case = generalisation(aligned, moved, settings, for_cases, with_scale, folds)
     # Generalisation's numbers of modes, and all: a comparison needs both at the same number.
     numbers = sorted({*per_case["modes"], model.mode_count})

@@ -94,29 +94,48 @@ def generalisation(
     ).reset_index(drop=True)
 
 
-def held_out_folds(count: int, folds: int, seed: int) -> list[np.ndarray]:
+def held_out_folds(
+    count: int, folds: int, seed: int, patients: Sequence[str] | None = None
+) -> list[np.ndarray]:
     """The held-out cases (indices), fold by fold, each case exactly once; 0 folds: one at a time.
 
     A function of these numbers alone, so that every method leaves out the same cases together.
+    patients  (count,) whom each case is of: cases of one patient, as both sides, are left out
+              together, or the model would know the held-out case's twin. None: each its own.
     Raises StudyError where fewer than 3 cases would remain for the model.
+
+    >>> held_out_folds(5, 0, seed=0, patients=["a", "b", "b", "c", "c"])
+    [array([0]), array([1, 2]), array([3, 4])]
     """
     if count < 4:
         raise StudyError(
             f"generalisation needs at least 4 cases, so that 3 remain when one is left out; "
             f"{count} found. Add cases, or look at the reasons why others were dropped."
         )
+    if patients is None:
+        groups = [np.array([case]) for case in range(count)]
+    else:
+        groups = [
+            np.flatnonzero([other == patient for other in patients])
+            for patient in dict.fromkeys(patients)
+        ]
+    what = "cases" if len(groups) == count else "patients"
     if folds == 0:
-        return [np.array([case]) for case in range(count)]
-    if not 2 <= folds <= count:
-        raise StudyError(f"folds is {folds} for {count} cases; 0 (one a time) or 2 … {count}.")
-    parts = np.array_split(np.random.default_rng(seed).permutation(count), folds)
+        parts = groups
+    elif 2 <= folds <= len(groups):
+        order = np.array_split(np.random.default_rng(seed).permutation(len(groups)), folds)
+        parts = [np.sort(np.concatenate([groups[group] for group in part])) for part in order]
+    else:
+        raise StudyError(
+            f"folds is {folds} for {len(groups)} {what}; 0 (one a time) or 2 … {len(groups)}."
+        )
     remaining = count - max(map(len, parts))
     if remaining < 3:
         raise StudyError(
-            f"folds is {folds} for {count} cases, so that {remaining} remain when a fold is left "
-            "out; a shape model needs at least 3. Ask for more folds."
+            f"folds is {folds} for {len(groups)} {what}, so that {remaining} remain when a "
+            "fold is left out; a shape model needs at least 3. Ask for more folds, or add cases."
         )
-    return [np.sort(part) for part in parts]
+    return parts
 
 
 def most_modes(folds: Sequence[np.ndarray]) -> int:

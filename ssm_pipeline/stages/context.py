@@ -12,6 +12,12 @@ from ssm_pipeline.study.settings import StudySettings
 Context = StageContext[StudySettings]
 
 
+def patients_of(context: Context, case_ids: Sequence[str]) -> dict[str, str]:
+    """Case → patient: those of one patient are held out together."""
+    patients = {case.case_id: case.patient or case.case_id for case in context.cohort.cases}
+    return {case_id: patients[case_id] for case_id in case_ids}
+
+
 def training_bases(
     context: Context, case_ids: Sequence[str] | None = None
 ) -> list[SpectralBasis]:

@@ -15,7 +15,7 @@ from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
 from ssm_pipeline.stages.compared_methods import corresponded_shapes, method_folder
-from ssm_pipeline.stages.context import Context
+from ssm_pipeline.stages.context import Context, patients_of
 from ssm_pipeline.stages.retrained_folds import retrained_generalisation
 from ssm_pipeline.stages.run import Run
 from ssm_pipeline.study.settings import StudySettings
@@ -83,6 +83,7 @@ def _scores(
         settings.evaluation,
         settings.shape_model,
         settings.seed,
+        patients_of(context, shapes.case_ids),
     )
     work = partial(_write_scores, context, method, settings, shapes, meshes)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
@@ -110,6 +111,7 @@ def _write_scores(
         settings.seed,
         with_scale=settings.shape_model.with_scale,
         jobs=context.jobs,
+        patients=patients_of(context, shapes.case_ids),
     )
     storage.save_tables(metrics, folder)
     truth = context.cohort.truth

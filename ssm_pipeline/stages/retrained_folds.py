@@ -18,7 +18,7 @@ from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.methods import FULL, RETRAINED
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.stages.compared_methods import matched_shapes
-from ssm_pipeline.stages.context import Context, training_bases
+from ssm_pipeline.stages.context import Context, patients_of, training_bases
 from ssm_pipeline.stages.groupwise import after_rounds
 from ssm_pipeline.stages.resumable_training import matcher_of_cases
 from ssm_pipeline.study.settings import StudySettings
@@ -36,7 +36,10 @@ def retrained_generalisation(
     """
     from ssm_pipeline.evaluation.model_quality import held_out_folds, most_modes
 
-    folds = held_out_folds(len(meshes), settings.evaluation.folds, settings.seed)
+    patients = patients_of(context, [mesh.case_id for mesh in meshes])
+    folds = held_out_folds(
+        len(meshes), settings.evaluation.folds, settings.seed, list(patients.values())
+    )
     tables = []
     for number, held_out in enumerate(folds, start=1):
         folder = context.folder() / "retrained-folds" / f"fold-{number}"

@@ -9,22 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline.records import Cohort, StudyError
 from ssm_pipeline.settings import Settings
 
 Side = Literal["left", "right"]
-
-
-def _an_organ(label: int) -> int:
-    if label == 0:
-        raise ValueError("label 0 is the background, and no organ. Name the organ's own label")
-    return label
-
-
-Label = Annotated[int, AfterValidator(_an_organ)]
 
 
 class FolderData(Settings):
@@ -93,12 +84,19 @@ class MaskFolderData(FolderData):
     segmentations with named segments (.seg.nrrd, DICOM SEG)."""
 
     source: Literal["masks"] = "masks"
-    labels: tuple[Label, ...] = Field((1,), min_length=1)  # united to one organ
+    labels: tuple[int, ...] = Field((1,), min_length=1)  # united to one organ
     segments: tuple[str, ...] = ()  # names, united, in place of labels: .seg.nrrd and DICOM SEG
     threshold: float | None = None  # in place of labels, of probability maps: organ is above it
     pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
     organ: str = "organ"  # its name in messages
     allow_truncated: bool = True  # keep organs that touch the image border, with a warning
+
+    @field_validator("labels")
+    @classmethod
+    def _no_background(cls, labels: tuple[int, ...]) -> tuple[int, ...]:
+        if 0 in labels:
+            raise ValueError("label 0 is the background, and no organ; name the organ's own label")
+        return labels
 
     def find(self, run_folder: Path) -> Cohort:
         from data_prep import mask_folder

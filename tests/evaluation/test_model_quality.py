@@ -181,3 +181,23 @@ def test_clear_errors():
         held_out_folds(5, 9, seed=0)
     with pytest.raises(StudyError, match="2 remain"):
         held_out_folds(4, 2, seed=0)
+
+
+def test_a_patients_cases_are_held_out_together():
+    patients = [f"p{case // 2}" for case in range(20)]
+    folds = held_out_folds(20, 3, seed=1, patients=patients)
+    assert sorted(np.concatenate(folds)) == list(range(20))
+    for fold in folds:
+        of_fold = {patients[case] for case in fold}
+        assert len(fold) == 2 * len(of_fold)
+    assert [fold.tolist() for fold in held_out_folds(5, 0, 0, [*"abbcc"])] == [
+        [0],
+        [1, 2],
+        [3, 4],
+    ]
+    plain, own = held_out_folds(9, 3, 2), held_out_folds(9, 3, 2, [str(i) for i in range(9)])
+    assert all((one == other).all() for one, other in zip(plain, own, strict=True))
+    with pytest.raises(StudyError, match=r"folds is 4 for 2 patients; 0 .* 2 … 2"):
+        held_out_folds(8, 4, 0, [*"aaaabbbb"])
+    with pytest.raises(StudyError, match="1 remain when a fold is left out"):
+        held_out_folds(4, 0, 0, ["a", "a", "a", "b"])
