@@ -69,7 +69,7 @@ def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Wo
 def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Path):
     made = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     assert made.code == 0, made.stderr
-    assert "workflow run balls" in made.stdout
+    assert "workflow check balls" in made.stdout
     shown = yaml.safe_load(workflow("show", "balls").stdout)
     assert shown["data"]["labels"] == [3]
     assert Path(shown["data"]["folder"]) == sphere_masks
@@ -79,6 +79,50 @@ def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Pa
     again = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     assert again.code == 1
     assert "exists" in again.stderr
+
+
+def test_init_on_surfaces_segments_and_probability_maps(workflow: Workflow, sphere_masks: Path):
+    import trimesh
+
+    surfaces = sphere_masks.parent / "surfaces"
+    surfaces.mkdir()
+    for index in range(3):
+        trimesh.creation.icosphere(3, radius=0.02 + 0.001 * index).export(surfaces / f"{index}.stl")
+    made = workflow("init", "shells", "--meshes", str(surfaces), "--unit", "m")
+    assert made.code == 0, made.stderr
+    shown = yaml.safe_load(workflow("show", "shells").stdout)
+    assert (shown["data"]["source"], shown["data"]["unit"]) == ("meshes", "m")
+    assert shown["description"] == "3 surfaces of surfaces"
+    soft = workflow("init", "soft", "--masks", str(sphere_masks), "--threshold", "0.5")
+    assert soft.code == 0, soft.stderr
+    assert yaml.safe_load(workflow("show", "soft").stdout)["data"]["threshold"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--masks", "{masks}", "--label", "0"), "label 0 is the background"),
+        (("--masks", "{masks}"), "say once what the organ is"),
+        (("--masks", "{masks}", "--label", "1", "--segment", "liver"), "say once"),
+        (("--masks", "{masks}", "--label", "3", "--unit", "m"), "there is no setting unit"),
+        (("--masks", "{masks}", "--meshes", "{masks}"), "give one folder"),
+        ((), "give one folder"),
+        (("--masks", "{masks}", "--label", "3", "--pattern", "/etc/*"), "the pattern '/etc/*'"),
+        (("--masks", "{masks}", "--label", "3", "--pattern", ""), "the pattern ''"),
+        (("--meshes", "{masks}"), "there are no surfaces"),
+        (("--masks", "{masks}", "--segment", "liver"), "there are no segmentations"),
+        (("--masks", "{masks}", "--label", "3", "--mirror", "up"), "mirror: Input should be"),
+        (("--masks", "{masks}", "--label", "3", "--mirror", "left"), "does not say its side"),
+    ],
+)
+def test_init_refuses(
+    workflow: Workflow, sphere_masks: Path, options: tuple[str, ...], message: str
+):
+    words = [word.format(masks=sphere_masks) for word in options]
+    result = workflow("init", "balls", *words)
+    assert result.code == 1
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_masks: Path):

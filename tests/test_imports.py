@@ -18,6 +18,7 @@ ROOMS = (
     "storage",
     "meshing",
     "spectral",
+    "cohort_check",
     "matching",
     "interpolation",
     "training",
