@@ -18,12 +18,20 @@ class ClosestPoints:
     distances: np.ndarray
 
 
-def closest_points(queries: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> ClosestPoints:
-    """For each query (Q, 3) its exact nearest point on the mesh's triangles (AABB tree)."""
+def closest_points(
+    queries: np.ndarray, vertices: np.ndarray, faces: np.ndarray, tree: igl.AABB | None = None
+) -> ClosestPoints:
+    """For each query (Q, 3) its exact nearest point on the mesh's triangles (AABB tree).
+
+    tree  of the same mesh (`SurfaceTarget.tree`), where it is asked many times; None: built here.
+    """
     queries = np.ascontiguousarray(queries, dtype=np.float64)
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
-    squared, face, points = igl.point_mesh_squared_distance(queries, vertices, faces)
+    if tree is None:
+        squared, face, points = igl.point_mesh_squared_distance(queries, vertices, faces)
+    else:
+        squared, face, points = tree.squared_distance(vertices, faces, queries)
     corners = vertices[faces[face]]
     weights = igl.barycentric_coordinates(
         np.ascontiguousarray(points),

@@ -1,0 +1,118 @@
+"""How the model fits a case that it was not built from: each of its own cases, left out in turn.
+
+What a new patient's fit is held against. Nothing here knows the patient, so it is done once a
+model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
+
+from ssm_pipeline.fitting.model_fit import Fit, fit
+from ssm_pipeline.geometry.rigid import best_similarity
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.shape_model.pca import build
+
+FEWEST_CASES = 6  # so that five remain for each model, and a spread of six can be told
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """The leave-one-out fits of N cases, per case (N,).
+
+    residual_mm      mean distance of the fitted surface from the case's.
+    mahalanobis      of the fitted scores, standard deviations.
+    score_errors     (N, M) (fitted − true score) / stated standard deviation; true: by
+                     correspondence.
+    turned_deg       from the cases' mean orientation, upright (3, 3): model → scanner.
+    size             of the case against the mean, 1 unless the model is without size.
+    distance_rms_mm  (V,) root mean square over the cases of a fitted vertex's distance.
+    """
+
+    case_ids: tuple[str, ...]
+    residual_mm: np.ndarray
+    mahalanobis: np.ndarray
+    score_errors: np.ndarray
+    turned_deg: np.ndarray
+    size: np.ndarray
+    upright: np.ndarray
+    distance_rms_mm: np.ndarray
+
+    @property
+    def score_inflation(self) -> float:
+        return score_inflation(self.score_errors)
+
+
+def cross_validate(
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    with_scale: bool = False,
+    seed: int = 0,
+    jobs: int = 1,
+) -> CrossValidation:
+    """Leave each case out, build the model of the others, fit it to that case's own surface.
+
+    shapes  as matched, each in its own millimetres; meshes: in the same order.
+    Raises  StudyError for fewer than six cases.
+    """
+    count = len(shapes.case_ids)
+    if count < FEWEST_CASES:
+        raise StudyError(
+            f"a fit is judged by the model's own cases, left out in turn; {FEWEST_CASES} or more "
+            f"are needed for that, and the model has {count}."
+        )
+    work = Parallel(n_jobs=jobs)(
+        delayed(_left_out)(shapes, index, mesh, with_scale, seed)
+        for index, mesh in enumerate(meshes)
+    )
+    fits: list[Fit] = [fitted for fitted, _ in work]
+    _, frames = align(shapes, with_scale)
+    turns = Rotation.from_matrix(np.stack([frame.inverse().rotation for frame in frames]))
+    upright = turns.mean()
+    return CrossValidation(
+        case_ids=shapes.case_ids,
+        residual_mm=np.array([fitted.residual_mm for fitted in fits]),
+        mahalanobis=np.array([fitted.mahalanobis for fitted in fits]),
+        score_errors=np.stack([errors for _, errors in work]),
+        turned_deg=np.degrees((upright.inv() * turns).magnitude()),
+        size=np.array([fitted.frame.scale for fitted in fits]),
+        upright=upright.as_matrix(),
+        distance_rms_mm=np.sqrt(np.mean([fitted.distances_mm**2 for fitted in fits], axis=0)),
+    )
+
+
+def score_inflation(errors: np.ndarray) -> float:
+    """By how much stated standard deviations of scores are too small, at least 1: such that 95 %
+    of the errors, in those standard deviations, lie within 1.96 times it.
+
+    >>> score_inflation(np.linspace(-4, 4, 1001)) > 1.9
+    True
+    """
+    return max(1.0, float(np.quantile(np.abs(errors), 0.95) / norm.isf(0.025)))
+
+
+def model_without(
+    shapes: CorrespondedShapes, left_out: int, with_scale: bool
+) -> tuple[ShapeModel, Similarity]:
+    """The model of all cases but one, and the frame from it to that case's own millimetres."""
+    kept = np.delete(np.arange(len(shapes.case_ids)), left_out)
+    model = build(align(shapes.subset(kept), with_scale)[0])
+    return model, best_similarity(model.mean, shapes.vertices[left_out], with_scale=with_scale)
+
+
+def _left_out(
+    shapes: CorrespondedShapes, index: int, mesh: Mesh, with_scale: bool, seed: int
+) -> tuple[Fit, np.ndarray]:
+    model, start = model_without(shapes, index, with_scale)
+    fitted = fit(model, mesh, start, with_scale, seed=seed)
+    true = model.coefficients(start.inverse().apply(shapes.vertices[index]))
+    return fitted, (fitted.scores - true) / fitted.score_sd

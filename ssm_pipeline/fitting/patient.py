@@ -1,0 +1,186 @@
+"""One new patient against a model: pose, scores, reconstruction, and whether to believe them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from ssm_pipeline.fitting.completion import Uncertainty, normal_variance, uncertainty
+from ssm_pipeline.fitting.cross_validation import CrossValidation
+from ssm_pipeline.fitting.matched_fit import fit_points
+from ssm_pipeline.fitting.model_fit import Fit, fit
+from ssm_pipeline.fitting.pose_search import StartPose, mirrored, start_poses, turned_deg
+from ssm_pipeline.fitting.typicality import CLEARLY_BETTER, Typicality, judge
+from ssm_pipeline.geometry.distances import SurfaceTarget
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.records import CorrespondedShapes, Mesh
+from ssm_pipeline.shape_model.model import ShapeModel
+
+TRIAL_POINTS = 400  # of fits that are only compared with each other
+INTERVAL = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class FitReport:
+    """Everything that is said of one fitted patient; all lengths in millimetres.
+
+    case_id, by            the patient; "model" alone, or "matcher".
+    surface                the patient's own, as given, V_s vertices, in scanner space.
+    faces (F, 3)           the model's; vertices (V, 3): the reconstruction in scanner space.
+    observed (V,) bool     where the surface was there to be seen; all, unless it is a part.
+    distances_mm (V,)      from the reconstruction to the surface, meaningful where observed;
+    surface_distances_mm   (V_s,) from the surface to the reconstruction.
+    sd_mm (V,)             standard deviation of each vertex along its normal; radius_mm (V,): the
+                           patient's own surface passes within it of 90 % of the vertices.
+    frame                  model → scanner space.
+    scores (M,)            standard deviations; low, high (M,): their 95 % intervals.
+    cohort_scores (N, M)   of the model's own cases, cohort_ids.
+    typicality             distances, tail probabilities, thresholds and flags.
+    remarks                what else a reader should know.
+    """
+
+    case_id: str
+    by: str
+    surface: Mesh
+    faces: np.ndarray
+    vertices: np.ndarray
+    observed: np.ndarray
+    distances_mm: np.ndarray
+    surface_distances_mm: np.ndarray
+    sd_mm: np.ndarray
+    radius_mm: np.ndarray
+    frame: Similarity
+    scores: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    cohort_scores: np.ndarray
+    cohort_ids: tuple[str, ...]
+    typicality: Typicality
+    noise_mm: float
+    remarks: tuple[str, ...]
+
+    @property
+    def mean_mm(self) -> float:
+        """Mean of the two directed mean distances, on what was seen."""
+        seen = self.distances_mm[self.observed]
+        return float(0.5 * (seen.mean() + self.surface_distances_mm.mean()))
+
+    @property
+    def hd95_mm(self) -> float:
+        """The larger of the two directed 95th percentiles, on what was seen."""
+        seen = self.distances_mm[self.observed]
+        there = self.surface_distances_mm
+        return float(max(np.percentile(seen, 95), np.percentile(there, 95)))
+
+    @property
+    def observed_share(self) -> float:
+        return float(self.observed.mean())
+
+
+def fit_patient(
+    model: ShapeModel,
+    shapes: CorrespondedShapes,
+    reference: CrossValidation,
+    surface: Mesh,
+    with_scale: bool = False,
+    matched: np.ndarray | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+) -> FitReport:
+    """Fit a surface from several starts, judge it, and say how uncertain each vertex is.
+
+    shapes     the model's cases as matched; reference: `cross_validate` of them.
+    surface    in millimetres; open where it was cut off.
+    matched    (V, 3) mm on the surface, matched to the template's vertices by the network and
+               adaptation; None: the model finds its own place. Whether the patient is of the
+               model's kind is judged by the model's own fit in both cases.
+    A surface that fits upside down or mirrored is fitted so, or as it lies, and flagged.
+    """
+    own, turned, mirror_ratio = best_fit(model, surface, reference, with_scale, seed)
+    typicality = judge(own.residual_mm, own.mahalanobis, turned, mirror_ratio, reference)
+    fitted, remarks = own, []
+    if matched is not None:
+        fitted = fit_points(model, matched, surface, with_scale)
+    if own.is_partial:
+        remarks.append(
+            f"a part of the surface is missing: {own.observed.mean():.0%} of the model's vertices "
+            "were seen, the rest is completed"
+        )
+        spread = uncertainty(model, own, shapes, with_scale, seed, jobs)
+    else:
+        spread = _of_a_whole(model, fitted, reference)
+    margin = norm.isf((1 - INTERVAL) / 2) * spread.score_inflation * fitted.score_sd
+    reconstruction = SurfaceTarget.of(fitted.vertices, model.faces)
+    return FitReport(
+        case_id=surface.case_id,
+        by="model" if matched is None else "matcher",
+        surface=surface,
+        faces=model.faces,
+        vertices=fitted.vertices,
+        observed=fitted.observed,
+        distances_mm=fitted.distances_mm,
+        surface_distances_mm=reconstruction.distances_to(surface.vertices),
+        sd_mm=spread.sd_mm,
+        radius_mm=spread.radius_mm,
+        frame=fitted.frame,
+        scores=fitted.scores,
+        low=fitted.scores - margin,
+        high=fitted.scores + margin,
+        cohort_scores=model.scores,
+        cohort_ids=model.case_ids,
+        typicality=typicality,
+        noise_mm=fitted.noise_mm,
+        remarks=tuple(remarks),
+    )
+
+
+def best_fit(
+    model: ShapeModel, surface: Mesh, reference: CrossValidation, with_scale: bool, seed: int
+) -> tuple[Fit, float, float]:
+    """The best fit of several starts; by how many degrees it is turned from how the model's cases
+    lie; and how much better or worse the mirrored surface is fitted, as a ratio of misfits.
+    """
+    # Upright comes first: another orientation has to be clearly better to be believed.
+    best, *others = _trials(model, surface, reference.upright, with_scale, seed)
+    for other in others:
+        if misfit(other, reference) < CLEARLY_BETTER * misfit(best, reference):
+            best = other
+    # The mirror plane is the body's, so that a mirrored upright organ is upright too.
+    images = _trials(model, mirrored(surface), reference.upright, with_scale, seed)
+    mirror_ratio = min(misfit(image, reference) for image in images) / misfit(best, reference)
+    fitted = fit(model, surface, best.frame, with_scale, seed=seed)
+    from_upright = reference.upright.T @ fitted.frame.rotation
+    return fitted, turned_deg(Similarity(1.0, from_upright, np.zeros(3))), mirror_ratio
+
+
+def misfit(fitted: Fit, reference: CrossValidation) -> float:
+    """What is left of a surface and how odd the shape is, both against the model's own cases: about
+    1.4 for a case like them."""
+    return float(
+        np.hypot(
+            fitted.residual_mm / np.median(reference.residual_mm),
+            fitted.mahalanobis / np.median(reference.mahalanobis),
+        )
+    )
+
+
+def _trials(
+    model: ShapeModel, surface: Mesh, upright: np.ndarray, with_scale: bool, seed: int
+) -> list[Fit]:
+    starts: tuple[StartPose, ...] = start_poses(model, surface, upright, seed)
+    return [
+        fit(model, surface, start.frame, with_scale, points=TRIAL_POINTS, seed=seed)
+        for start in starts
+    ]
+
+
+def _of_a_whole(model: ShapeModel, fitted: Fit, reference: CrossValidation) -> Uncertainty:
+    """Of a surface that was all seen: from the cross-validated fits, which are of whole surfaces.
+
+    With nothing hidden the errors were the fits' own distances, about normal for each vertex.
+    """
+    variance = normal_variance(model, fitted) + reference.distance_rms_mm**2
+    sd = np.sqrt(variance)
+    return Uncertainty(sd, norm.isf(0.05) * sd, reference.score_inflation)

@@ -1,0 +1,136 @@
+"""New patients of a made-up cohort, and what is none of its kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cohorts import TURN, bumpy_cohort, surfaces_of
+from scipy.stats import norm
+from shapes import blob
+
+from ssm_pipeline import storage
+from ssm_pipeline.fitting.completion import COVERAGE
+from ssm_pipeline.fitting.cross_validation import (
+    CrossValidation,
+    cross_validate,
+    model_without,
+    score_inflation,
+)
+from ssm_pipeline.fitting.partial import without_faces
+from ssm_pipeline.fitting.patient import fit_patient
+from ssm_pipeline.fitting.pose_search import mirrored
+from ssm_pipeline.fitting.typicality import TAIL, tail_of
+from ssm_pipeline.geometry.distances import SurfaceTarget
+from ssm_pipeline.records import Mesh, StudyError
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.pca import build
+
+
+@pytest.fixture(scope="module")
+def cohort():
+    """Ten cases of a rough cohort, two more of the same, and the cross-validation of the ten."""
+    shapes = bumpy_cohort(12, seed=3, rough_mm=0.8)
+    kept = shapes.subset(range(10))
+    new = surfaces_of(shapes)[10:]
+    reference = cross_validate(kept, surfaces_of(kept))
+    return build(align(kept)[0]), kept, reference, new
+
+
+def flags_of(cohort, surface):
+    model, shapes, reference, _ = cohort
+    report = fit_patient(model, shapes, reference, surface)
+    return [flag.split(":")[0] for flag in report.typicality.flags]
+
+
+def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort):
+    model, shapes, reference, new = cohort
+    surface = Mesh(TURN.apply(new[0].vertices), new[0].faces, "new")
+    report = fit_patient(model, shapes, reference, surface)
+    assert report.typicality.flags == ()
+    assert report.mean_mm < 2.0
+    assert report.observed_share == 1.0
+    assert np.all(report.low < report.scores)
+    assert np.all(report.scores < report.high)
+    # The radius is meant to hold 90 % of the vertices; one case's share scatters about that.
+    assert (report.distances_mm <= report.radius_mm).mean() > 0.75
+    assert report.typicality.residual.threshold > reference.residual_mm.max()
+
+
+def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort):
+    model, shapes, reference, new = cohort
+    matched = new[1].vertices[: len(model.mean)]
+    report = fit_patient(model, shapes, reference, new[1], matched=matched)
+    own = fit_patient(model, shapes, reference, new[1])
+    assert (report.by, own.by) == ("matcher", "model")
+    assert np.linalg.norm(report.vertices - own.vertices, axis=1).mean() < 2.0
+
+
+def test_upside_down_mirrored_and_other_things_are_flagged(cohort):
+    new = cohort[3][0]
+    down = Mesh(new.vertices * [1.0, -1.0, -1.0] + [0, 0, 500.0], new.faces, "down")
+    assert flags_of(cohort, down) == ["turned"]
+    assert "mirrored" in flags_of(cohort, mirrored(new))
+    small = Mesh(0.4 * new.vertices, new.faces, "small")
+    assert {"unlike the model", "extreme"} & set(flags_of(cohort, small))
+    ball = Mesh(blob(1).vertices * [1.5, 0.8, 0.7], blob(1).faces, "other")
+    assert flags_of(cohort, ball)
+
+
+def test_a_part_is_completed_with_intervals_that_hold(cohort):
+    model, shapes, reference, new = cohort
+    covered = []
+    for whole in new:
+        height = whole.vertices[:, 2]
+        top = height > height.max() - np.ptp(height) / 3
+        part = without_faces(whole, top[whole.faces].any(axis=1))
+        report = fit_patient(model, shapes, reference, part)
+        unseen = ~report.observed
+        assert 0.1 < unseen.mean() < 0.5
+        assert report.sd_mm[unseen].mean() > report.sd_mm[~unseen].mean()
+        errors = SurfaceTarget.of(whole.vertices, whole.faces).distances_to(report.vertices)
+        covered.append((errors <= report.radius_mm)[unseen])
+        assert errors[unseen].mean() < 4.0
+        assert "missing" in report.remarks[0]
+    # Two cases, so two or three independent errors: far from 90 % would be wrong, near it is not
+    # to be had.
+    assert abs(np.concatenate(covered).mean() - COVERAGE) < 0.25
+
+
+def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
+    _, shapes, reference, _ = cohort
+    model, _ = model_without(shapes, 3, with_scale=False)
+    assert shapes.case_ids[3] not in model.case_ids
+    # Were the case in the model, nothing but the triangulation would be left of it.
+    assert reference.residual_mm.min() > 0.2
+    assert reference.turned_deg.max() < 10
+
+
+def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path):
+    reference = cohort[2]
+    storage.save(reference, tmp_path / "reference.npz")
+    again = storage.load(CrossValidation, tmp_path / "reference.npz")
+    np.testing.assert_array_equal(again.residual_mm, reference.residual_mm)
+    assert again.score_inflation == reference.score_inflation
+
+
+def test_five_cases_are_too_few_to_judge_by():
+    shapes = bumpy_cohort(5)
+    with pytest.raises(StudyError, match="6 or more are needed for that, and the model has 5"):
+        cross_validate(shapes, surfaces_of(shapes))
+
+
+def test_one_in_a_hundred_of_the_kind_is_flagged():
+    """Draw the reference and the new one from one log-normal distribution, again and again."""
+    generator = np.random.default_rng(1)
+    draws = np.exp(generator.normal(1.0, 0.4, (4000, 21)))
+    flagged = np.mean([tail_of(row[0], row[1:]).is_flagged for row in draws])
+    # Standard error √(0.01 · 0.99 / 4000) = 0.0016; four of them.
+    assert abs(flagged - TAIL) < 0.0064
+    judged = tail_of(3.0, draws[0, 1:])
+    assert tail_of(judged.threshold, draws[0, 1:]).tail == pytest.approx(TAIL)
+
+
+def test_score_inflation_undoes_a_wrong_standard_deviation():
+    z = 2.0 * norm.ppf((np.arange(10_000) + 0.5) / 10_000)
+    assert score_inflation(z) == pytest.approx(2.0, rel=0.01)
+    assert score_inflation(z / 10) == 1.0

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import f as central_f
+from scipy.stats import kstest, ttest_ind
+from statsmodels.multivariate.manova import MANOVA
+from statsmodels.stats.power import TTestIndPower
+
+from ssm_pipeline.records import CorrespondedShapes, StudyError
+from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.statistics.compare import compare, modes_carried
+from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
+from ssm_pipeline.statistics.effects import (
+    bootstrap_coefficients,
+    coefficients,
+    explained_share,
+)
+from ssm_pipeline.statistics.permutation import (
+    mode_tests,
+    multivariate_test,
+    procrustes_test,
+    vertex_test,
+)
+from ssm_pipeline.statistics.power import detectable_sd, power
+
+GROUP = np.repeat([0.0, 1.0], 20)
+DESIGN = np.column_stack([np.ones(40), GROUP])
+
+
+def test_the_statistic_and_p_are_those_of_manova():
+    generator = np.random.default_rng(0)
+    age = generator.standard_normal(40) + GROUP
+    scores = generator.standard_normal((40, 3)) + 0.6 * GROUP[:, None] + age[:, None]
+    design = np.column_stack([DESIGN, age])
+    test = multivariate_test(scores, design, [1], 1999, generator)
+    frame = pd.DataFrame(scores, columns=["a", "b", "c"]).assign(g=GROUP, age=age)
+    result = MANOVA.from_formula("a + b + c ~ g + age", frame).mv_test().results["g"]["stat"]
+    assert test.statistic == pytest.approx(float(result.loc["Hotelling-Lawley trace", "Value"]))
+    # Normal scores: the permutation p is the F test's, but for its own scatter √(p(1 − p)/1999).
+    p = float(result.loc["Hotelling-Lawley trace", "Pr > F"])
+    assert abs(test.p - p) < 4 * np.sqrt(p / 2000) + 0.005
+
+
+def test_one_mode_is_the_t_test():
+    scores = np.random.default_rng(2).standard_normal((40, 1)) + 0.5 * GROUP[:, None]
+    p = ttest_ind(scores[:20, 0], scores[20:, 0]).pvalue
+    found = mode_tests(scores, DESIGN, [1], 1999, np.random.default_rng(0))[0]
+    assert abs(found - p) < 4 * np.sqrt(p * (1 - p) / 1999) + 1e-3
+
+
+@pytest.mark.parametrize("confounded", [False, True])
+def test_p_values_are_even_where_nothing_is(confounded):
+    generator = np.random.default_rng(5)
+    values = []
+    for _ in range(120):
+        age = generator.standard_normal(40) + 2.0 * confounded * GROUP
+        scores = generator.standard_normal((40, 2)) + age[:, None] * [1.0, -0.5]
+        design = np.column_stack([DESIGN, age])
+        values.append(multivariate_test(scores, design, [1], 99, generator).p)
+    # Even but for steps of 1/100; the test's own level is 1 in 1000, and the seed is fixed.
+    assert kstest(values, "uniform").pvalue > 1e-3
+    # Without the covariate, what age does is taken for the group's.
+    alone = multivariate_test(scores, DESIGN, [1], 99, generator).p
+    assert alone <= 0.02 or not confounded
+
+
+def test_procrustes_anova_does_not_care_how_the_axes_lie():
+    generator = np.random.default_rng(8)
+    scores = generator.standard_normal((40, 5)) * [9.0, 3.0, 1.0, 1.0, 1.0]
+    scores[:, 0] += 9.0 * GROUP
+    turned = scores @ np.linalg.qr(generator.standard_normal((5, 5)))[0]
+    one, other = (
+        procrustes_test(values, DESIGN, [1], 199, np.random.default_rng(1))
+        for values in (scores, turned)
+    )
+    assert one.p == other.p <= 0.02
+    assert one.statistic == pytest.approx(other.statistic)
+    shares = explained_share(scores, DESIGN, [1])
+    assert one.statistic == pytest.approx(shares / (1 - shares))
+
+
+def test_a_map_finds_the_vertices_that_move_and_no_others():
+    generator = np.random.default_rng(3)
+    vertices = generator.standard_normal((40, 30, 3))
+    vertices[:, :10] += 2.0 * GROUP[:, None, None]
+    p = vertex_test(vertices, DESIGN, [1], 199, generator)
+    assert p[:10].max() <= 0.01
+    assert (p[10:] > 0.05).mean() > 0.75
+    np.testing.assert_allclose(
+        coefficients(vertices, DESIGN)[1], vertices[20:].mean(0) - vertices[:20].mean(0)
+    )
+
+
+def test_shares_and_intervals():
+    generator = np.random.default_rng(4)
+    noise = generator.standard_normal((40, 2))
+    values = noise + GROUP[:, None] * [3.0, 0.0]
+    low, high = bootstrap_coefficients(values, DESIGN, 1, 400, generator)
+    assert low[0] > 1.5
+    assert high[0] < 4.5
+    assert low[1] < 0 < high[1]
+    # A group 3 SD away adds 9/4 to a variance of 2: about a half is the group's.
+    assert 0.35 < explained_share(values, DESIGN, [1]) < 0.7
+    assert explained_share(noise, DESIGN, [1]) < 0.15
+
+
+def test_power_is_that_of_the_t_test_for_one_mode():
+    theirs = TTestIndPower().power(0.8, nobs1=20, alpha=0.05)
+    assert power(0.8, DESIGN, 1, 1) == pytest.approx(theirs, abs=1e-6)
+    found = detectable_sd(DESIGN, 1, 1)
+    assert power(found, DESIGN, 1, 1) == pytest.approx(0.8)
+    assert detectable_sd(DESIGN, 1, 6) > found
+    assert detectable_sd(DESIGN[:, :2], 1, 39) == np.inf
+    assert power(0.0, DESIGN, 1, 2) == pytest.approx(
+        central_f.sf(central_f.isf(0.05, 2, 37), 2, 37)
+    )
+
+
+def a_cohort():
+    generator = np.random.default_rng(6)
+    modes = generator.standard_normal((4, 25, 3)) * np.array([4.0, 3.0, 2.0, 1.0])[:, None, None]
+    scores = generator.standard_normal((40, 4))
+    scores[:, 1] += 2.0 * GROUP
+    points = 20 * generator.standard_normal((25, 3)) + np.einsum("nm,mvd->nvd", scores, modes)
+    ids = tuple(f"p{index:02d}" for index in range(40))
+    faces = np.array([[0, 1, 2]])
+    return CorrespondedShapes(points, faces, ids, "p00")
+
+
+def test_a_whole_comparison():
+    shapes = a_cohort()
+    model = build(shapes)
+    table = pd.DataFrame(
+        {
+            "case_id": shapes.case_ids,
+            "group": np.where(GROUP == 1, "ill", "fit"),
+            "age": np.random.default_rng(9).uniform(30, 60, 40),
+        }
+    )
+    design = design_of("~ group + age", matched_to_cases(table, shapes.case_ids))
+    result = compare(
+        model,
+        shapes.vertices,
+        design,
+        np.random.default_rng(0),
+        permutations=199,
+        vertex_permutations=99,
+        draws=50,
+    )
+    assert list(result.tests["term"]) == ["group", "age"]
+    assert result.tests["hotelling_p"][0] == 0.005
+    assert result.tests["hotelling_p"][1] > 0.05
+    assert result.tests["procrustes_p"][0] <= 0.01
+    assert [one.name.partition(":")[0] for one in result.maps] == ["group", "age"]
+    assert result.maps[0].displacement_mm.shape == (25, 3)
+    assert (result.maps[0].q < 0.05).mean() > 0.8
+    assert (result.maps[1].q < 0.05).mean() < 0.2
+    assert (result.modes["change_low_sd"] <= result.modes["change_high_sd"]).all()
+    assert result.power["effect"][0] == "group: ill against fit"
+    again = compare(
+        model,
+        shapes.vertices,
+        design,
+        np.random.default_rng(0),
+        permutations=199,
+        vertex_permutations=99,
+        draws=50,
+    )
+    pd.testing.assert_frame_equal(result.modes, again.modes)
+
+
+def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do():
+    model = build(a_cohort())
+    with pytest.raises(StudyError, match="1 to 4 modes"):
+        modes_carried(model, DESIGN, 20)
+    assert modes_carried(model, DESIGN, 3) == 3
+    few = DESIGN[[0, 20, 1, 21]]
+    with pytest.raises(StudyError, match="leave 2 degrees of freedom"):
+        modes_carried(model, few)

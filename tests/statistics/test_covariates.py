@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ssm_pipeline.records import StudyError
+from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
+
+IDS = tuple(f"p{index:02d}" for index in range(20))
+
+
+def table(**columns):
+    generator = np.random.default_rng(0)
+    content = {
+        "participant_id": IDS,
+        "sex": ["F", "M"] * 10,
+        "age": generator.uniform(40, 80, 20),
+        "site": ["a"] * 20,
+    }
+    return pd.DataFrame(content | columns)
+
+
+def refused(match, formula="~ sex + age", cases=IDS, **columns):
+    with pytest.raises(StudyError, match=match):
+        design_of(formula, matched_to_cases(table(**columns), cases))
+
+
+def test_rows_come_in_the_order_of_the_cases():
+    shuffled = table().sample(frac=1, random_state=3)
+    rows = matched_to_cases(shuffled, IDS)
+    assert tuple(rows["case_id"]) == IDS
+    np.testing.assert_array_equal(rows["age"], table()["age"])
+
+
+def test_ids_that_look_like_numbers_stay_as_they_are():
+    rows = matched_to_cases(
+        pd.DataFrame({"case_id": ["007", "010"], "age": [1, 2]}), ("010", "007")
+    )
+    assert list(rows["age"]) == [2, 1]
+
+
+def test_a_formula_makes_its_columns():
+    design = design_of("~ sex + age", matched_to_cases(table(), IDS))
+    assert design.terms == ("sex", "age")
+    assert design.columns[0].name == "sex: M against F"
+    np.testing.assert_array_equal(design.matrix[:, 0], 1)
+    np.testing.assert_array_equal(design.matrix[:, 1], [0, 1] * 10)
+    assert design.columns[1].step == pytest.approx(table()["age"].std())
+    crossed = design_of("sex * age", matched_to_cases(table(), IDS))
+    assert crossed.terms == ("sex", "age", "sex:age")
+
+
+def test_tables_that_do_not_fit_the_cases_are_refused():
+    refused(r"1 in the model but not in the table: p20", cases=(*IDS, "p20"))
+    refused(r"1 in the table but not in the model: p19", cases=IDS[:19])
+    refused(r"1 in the table more than once: p00", participant_id=("p00", *IDS[:1], *IDS[2:]))
+    with pytest.raises(StudyError, match="no column case_id or participant_id; its columns are id"):
+        matched_to_cases(pd.DataFrame({"id": IDS}), IDS)
+
+
+def test_covariates_that_say_nothing_are_refused():
+    refused("the covariate site is constant: a for all 20 cases", "~ site")
+    refused("the covariate age is empty for 1 cases: p19", age=[*range(19), None])
+    refused("the group sex = X has 1 of 20 cases", sex=[*["F", "M"] * 9, "F", "X"])
+    refused("columns hold 2 independent ones", "~ age + double", double=2 * table()["age"])
+
+
+@pytest.mark.parametrize("formula", ["~ sex +* age", "~ (sex", "sex ~ age ~ site"])
+def test_formulas_that_cannot_be_read_are_refused(formula):
+    refused(r"formula .* can't be", formula)
+
+
+def test_a_formula_with_an_unknown_name_says_which_are_known():
+    refused("names hight, and the table has sex, age, site", "~ hight")
+    refused("names no covariate", "~ 1")
+
+
+def test_more_columns_than_the_cases_carry_are_refused_with_the_number_they_do():
+    generator = np.random.default_rng(1)
+    many = {f"x{index}": generator.standard_normal(20) for index in range(4)}
+    refused("so 3 columns at most", "~ x0 + x1 + x2 + x3", **many)
