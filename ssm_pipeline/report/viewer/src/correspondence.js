@@ -72,7 +72,7 @@ export function startCorrespondence(study, model, casesBlock) {
     const canvas = document.createElement("canvas");
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `Case ${c.id} with the template's grid`);
-    const name = Object.assign(document.createElement("div"), { textContent: isTemplate ? `${c.id} (template)` : c.id });
+    const name = Object.assign(document.createElement("div"), { textContent: isTemplate ? `${c.id} (template)` : c.id, title: c.wholeId });
     const error = Object.assign(document.createElement("span"), {
       innerHTML: fit == null ? "fit not measured" : `mean ${fit.toFixed(2)} mm<br>95 %: ${c.fit.hd95_mm.toFixed(2)} mm`,
     });
