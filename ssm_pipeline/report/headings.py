@@ -15,6 +15,7 @@ _UNITS = {
     "mb": "MB",
     "seconds": "s",
     "s": "s",
+    "sd": "SD",
 }
 _WORDS = {
     "case_id": "Case",

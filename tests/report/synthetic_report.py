@@ -11,12 +11,16 @@ import pandas as pd
 from PIL import Image
 from scipy.spatial import ConvexHull
 
+from ssm_pipeline.fitting.patient import FitReport
+from ssm_pipeline.fitting.typicality import Judged, Typicality
 from ssm_pipeline.geometry import surface
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
-from ssm_pipeline.report.compare_page import Comparison, Effect
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model import alignment, pca
+from ssm_pipeline.statistics.compare import ShapeComparison, VertexMap
+from ssm_pipeline.statistics.covariates import Column, Design
 
 
 def even_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -370,30 +374,79 @@ def _check(ids: list[str], generator: np.random.Generator) -> tuple[pd.DataFrame
     return table, pictures
 
 
-def make_comparison(content: ReportContent, seed: int = 2) -> Comparison:
+def make_fits(content: ReportContent, seed: int = 11) -> tuple[FitReport, ...]:
+    """Three made-up patients: an ordinary one, one upside down, one of whom the top was cut off."""
+    model, generator = content.model, np.random.default_rng(seed)
+    fits = []
+    for number, (scale, turned, cut) in enumerate([(1.0, 4.0, 0), (1.6, 176.0, 0), (0.9, 6.0, 1)]):
+        scores = scale * generator.standard_normal(model.mode_count)
+        rotation = np.diag([1.0, -1.0, -1.0]) if turned > 90 else np.eye(3)
+        vertices = model.reconstruct(scores) @ rotation.T + [30.0, -120.0, 900.0]
+        surface = vertices + generator.normal(0, 0.6, vertices.shape)
+        observed = vertices[:, 2] < np.quantile(vertices[:, 2], 0.7) if cut else vertices[:, 2] > 0
+        faces = model.faces[observed[model.faces].all(axis=1)]
+        sd = np.where(observed, 0.8, 4.0)
+        flags = (
+            ("turned: it lies 176 degrees from how the model's cases lie.",) if turned > 90 else ()
+        )
+        remarks = (
+            ("a part of the surface is missing: 70% of the vertices were seen",) if cut else ()
+        )
+        fits.append(
+            FitReport(
+                case_id=f"1.2.826.0.1.3680043.8.498.{number}{'0123456789' * 4}",
+                by="model",
+                surface=Mesh(surface, faces, f"patient {number}"),
+                faces=model.faces,
+                vertices=vertices,
+                observed=observed,
+                distances_mm=np.abs(generator.normal(0, 0.7, len(vertices))),
+                surface_distances_mm=np.abs(generator.normal(0, 0.7, len(vertices))),
+                sd_mm=sd,
+                radius_mm=1.28 * sd,
+                frame=Similarity(1.0, rotation, np.array([30.0, -120.0, 900.0])),
+                scores=scores,
+                low=scores - 0.3,
+                high=scores + 0.3,
+                cohort_scores=model.scores,
+                cohort_ids=model.case_ids,
+                typicality=Typicality(
+                    Judged(0.7, 0.41, 1.9), Judged(3.1 * scale, 0.2, 6.2), turned, 45.0, 1.3, flags
+                ),
+                noise_mm=0.6,
+                remarks=remarks,
+            )
+        )
+    return tuple(fits)
+
+
+def make_comparison(content: ReportContent, seed: int = 2) -> ShapeComparison:
     """Two covariates; the effect of the first is known to be significant on the upper half only."""
     model, generator = content.model, np.random.default_rng(seed)
     count = len(model.case_ids)
     upper = model.mean[:, 2] > 0
     up = np.where(upper[:, None], [0.0, 0.0, 3.0], 0.0)
-    return Comparison(
-        formula="~ sex + age",
-        effects=(
-            Effect("sex: m against f", up, np.where(upper, 0.001, 0.6), np.where(upper, 0.01, 0.7)),
-            Effect("age, 10 years more", 0.1 * up, np.full(len(up), 0.5), np.full(len(up), 0.9)),
+    covariates = pd.DataFrame(
+        {
+            "case_id": model.case_ids,
+            "sex": np.where(np.arange(count) % 2, "f", "m"),
+            "age": generator.uniform(30, 80, count).round(),
+        }
+    )
+    columns = (
+        Column(1, "sex", "sex: m against f", 1.0),
+        Column(2, "age", "age: 14 more (1 SD)", 14.0),
+    )
+    matrix = np.column_stack([np.ones(count), covariates["sex"] == "m", covariates["age"]])
+    rows = [{"effect": column.name, "mode": m} for column in columns for m in (1, 2, 3)]
+    return ShapeComparison(
+        design=Design("~ sex + age", matrix, columns, covariates),
+        mode_count=3,
+        tests=pd.DataFrame({"term": ["sex", "age"], "p": [0.002, 0.41]}),
+        modes=pd.DataFrame(rows).assign(change_sd=0.4, p=0.02, q=0.04),
+        power=pd.DataFrame({"effect": [c.name for c in columns], "detectable_sd": [1.1, 1.4]}),
+        maps=(
+            VertexMap(columns[0].name, up, np.where(upper, 0.001, 0.6), np.where(upper, 0.01, 0.7)),
+            VertexMap(columns[1].name, 0.1 * up, np.full(len(up), 0.5), np.full(len(up), 0.9)),
         ),
-        covariates=pd.DataFrame(
-            {
-                "case_id": model.case_ids,
-                "sex": np.where(np.arange(count) % 2, "f", "m"),
-                "age": generator.uniform(30, 80, count).round(),
-            }
-        ),
-        scores=model.scores,
-        tables={
-            "Tests of the whole shape": pd.DataFrame(
-                {"term": ["sex", "age"], "hotelling_t2": [31.2, 9.4], "p": [0.002, 0.41]}
-            )
-        },
-        remarks=("1 case has no covariates and was left out: <blob.003>",),
     )

@@ -31,14 +31,14 @@ def test_only_what_is_significant_is_coloured(watched_page, file, content):
     page.select_option("#compare-effect", "1")
     page.select_option("#compare-mask", "q")
     assert page.evaluate("viewer.compare.shownShare()") == 0
-    assert "age, 10 years more" in page.locator("#compare-caption").inner_text()
+    assert "age: 14 more (1 SD)" in page.locator("#compare-caption").inner_text()
 
 
 def test_the_slider_adds_the_effect_to_the_mean(watched_page, file, content):
     page = watched_page(file)
     page.locator("#compare-scale").fill("2")
     shown = np.array(page.evaluate("[...viewer.compare.positions()]")).reshape(-1, 3)
-    effect = make_comparison(content).effects[0].displacement_mm
+    effect = make_comparison(content).maps[0].displacement_mm
     np.testing.assert_allclose(shown, content.model.mean + 2 * effect, atol=0.01)
 
 
@@ -53,7 +53,7 @@ def test_scores_are_drawn_over_groups_and_numbers(watched_page, file, content):
     assert page.locator("#scores-charts .mean").count() == 0
     drawn = page.locator("#scores-charts .chart").first.locator("circle")
     across = [float(drawn.nth(i).get_attribute("cx")) for i in range(drawn.count())]
-    ages = make_comparison(content).covariates["age"]
+    ages = make_comparison(content).design.covariates["age"]
     assert np.corrcoef(across, ages)[0, 1] > 0.999
 
 
@@ -69,13 +69,16 @@ def test_nothing_scrolls_sideways(watched_page, file, width, scheme):
 def test_users_text_is_never_code(watched_page, content, tmp_path):
     bad = "</script><script>window.owned = 1</script><b id=owned>"
     comparison = make_comparison(content)
+    design = dataclasses.replace(
+        comparison.design,
+        formula=bad,
+        covariates=comparison.design.covariates.assign(sex=bad).rename(columns={"sex": bad}),
+    )
     hostile = dataclasses.replace(
         comparison,
-        formula=bad,
-        remarks=(bad,),
-        effects=(dataclasses.replace(comparison.effects[0], name=bad),),
-        covariates=comparison.covariates.assign(sex=bad).rename(columns={"sex": bad}),
-        tables={bad: comparison.tables["Tests of the whole shape"].assign(term=bad)},
+        design=design,
+        maps=(dataclasses.replace(comparison.maps[0], name=bad),),
+        tests=comparison.tests.assign(term=bad),
     )
     write_compare_page(hostile, content.model, tmp_path / "x.html", bad, False, SETTINGS)
     page = watched_page(tmp_path / "x.html")
@@ -85,9 +88,9 @@ def test_users_text_is_never_code(watched_page, content, tmp_path):
     assert page.locator("#owned").count() == 0
 
 
-def test_parts_that_do_not_belong_together_are_refused(content):
+def test_covariates_of_other_cases_are_refused(content, tmp_path):
     comparison = make_comparison(content)
-    with pytest.raises(ValueError, match="8 rows of scores and 3 of covariates"):
-        dataclasses.replace(comparison, covariates=comparison.covariates.head(3))
-    with pytest.raises(ValueError, match="nothing to show"):
-        dataclasses.replace(comparison, effects=())
+    few = dataclasses.replace(comparison.design, covariates=comparison.design.covariates.head(3))
+    other = dataclasses.replace(comparison, design=few)
+    with pytest.raises(ValueError, match="scores of 8 cases and the comparison covariates of 3"):
+        write_compare_page(other, content.model, tmp_path / "x.html", "blobs")
