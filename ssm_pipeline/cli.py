@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+INTERRUPTED = 130  # the exit code of a command stopped by Ctrl-C
 
 app = typer.Typer(
     help="From CT or MR segmentation masks to a statistical shape model.",
@@ -36,6 +39,7 @@ Device = Annotated[
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Cases at a time; one a core.", show_default=False)
 ]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
 
 
@@ -246,7 +250,7 @@ def matching(
 
 @app.command()
 def evaluate(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")],
+    run_folder: RunFolder,
     samples: Annotated[
         int | None, typer.Option(min=2, help="Shapes drawn for specificity.", show_default=False)
     ] = None,
@@ -332,36 +336,113 @@ def export(
         typer.echo(str(path))
 
 
+@app.command()
+def status(run_folder: RunFolder) -> None:
+    """Where a run stands: stages, cases, time, memory; what runs now, and how long still."""
+    from ssm_pipeline.commands.run_status import status_lines
+
+    for line in status_lines(run_folder):
+        typer.echo(line)
+
+
+@app.command()
+def verify(
+    run_folder: RunFolder,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Delete what is damaged; the next run makes it again.")
+    ] = False,
+) -> None:
+    """Is every file of a run still what was written? Reads all of them."""
+    from ssm_pipeline.commands.verify_run import verify_run
+    from ssm_pipeline.engine.terminal import Terminal
+
+    if not verify_run(run_folder, Terminal(), remove):
+        raise typer.Exit(1)
+
+
+@app.command()
+def forget(
+    case_id: Annotated[str, typer.Argument(metavar="CASE", help="The case to forget.")],
+    run_folder: Annotated[Path, typer.Option("--run", help="The run, as runs/luna16.")],
+) -> None:
+    """Delete every trace of a withdrawn case in a run, and all that was made with it."""
+    from ssm_pipeline.commands.forget_case import forget_case
+
+    forgotten = forget_case(case_id, run_folder)
+    typer.echo(f"{len(forgotten.deleted)} files deleted. Later runs leave the case out.")
+    for folder in forgotten.exports:
+        typer.echo(f"delete by hand, or export again: {folder}")
+    typer.echo("Take the mask out of its folder too, then run the study again for a new model.")
+
+
+@app.command()
+def doctor(runs: RunsFolder = Path("runs")) -> None:
+    """What this machine offers: versions, GPU, threads, disk, rendering. For bug reports."""
+    from ssm_pipeline.commands.doctor import diagnosis
+
+    lines, is_well = diagnosis(runs)
+    typer.echo("\n".join(lines))
+    if not is_well:
+        raise typer.Exit(1)
+
+
+@app.callback()
+def _options(
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error; anywhere in the line.")
+    ] = False,
+) -> None:
+    """`main` takes --debug out of the line, wherever it stands."""
+
+
 def main() -> None:
-    """Entry point: errors a user can mend are one message, not a traceback."""
+    """Entry point: an error is one message; its traceback is in the run's log, or asked for."""
     # OpenMP threads that wait shall sleep, not spin: beside other work on the cores, spinning
     # doubled a training step. Read when the first library loads OpenMP, so it is set before all.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    words = sys.argv[1:]
+    debug = "--debug" in words
     try:
-        app()
-    except KeyboardInterrupt:
-        typer.echo("stopped. What is finished is kept: run the same command to go on.", err=True)
-        sys.exit(130)
+        # Not standalone: that would turn Ctrl-C into an exit of its own, and say nothing.
+        code = app([word for word in words if word != "--debug"], standalone_mode=False) or 0
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED  # as later versions of Typer return of their own
     except Exception as error:
-        message = _explained(error)
-        if message is None:
-            raise
-        typer.echo(f"error: {message}", err=True)
-        sys.exit(1)
+        if debug:
+            traceback.print_exc()
+        code = _say_error(error)
+    if code == INTERRUPTED:
+        typer.echo("stopped. What is finished is kept: run the same command to go on.", err=True)
+    sys.exit(code)
 
 
-def _explained(error: Exception) -> str | None:
+def _say_error(error: Exception) -> int:
+    """Print what went wrong and what to try. Returns the exit code."""
     from ssm_pipeline.engine.per_case import CaseFailure
     from ssm_pipeline.records import CaseError, StudyError
 
-    if isinstance(error, CaseError | StudyError):
-        return str(error)
+    # A mistyped command line. Its class is click's or Typer's own copy of it, by Typer's version.
+    if hasattr(error, "show") and hasattr(error, "exit_code"):
+        error.show()
+        return int(error.exit_code)
+    message = str(error)
     if isinstance(error, CaseFailure):
-        return (
-            f"{error.worker_traceback}\n{error}\nThis is a fault of the program, not of the case. "
-            "What is finished is kept. Leave the case out (--set data.cases=[...]) to go on."
+        message += (
+            "\nThis is a fault of the program, not of the case. What is finished is kept. Leave "
+            "the case out (--set data.cases=[...]) to go on."
         )
-    return None
+    elif isinstance(error, OSError) and error.strerror:
+        place = f"{error.filename}: " if error.filename else ""
+        message = f"{place}{error.strerror}. What is finished is kept: mend it, and run again."
+    elif isinstance(error, MemoryError):
+        message = "there is not enough memory. Use fewer processes (--jobs 1); finished is kept."
+    elif not isinstance(error, CaseError | StudyError):
+        message = f"{type(error).__name__}: {error}\nThis is a fault of the program."
+    notes = [*getattr(error, "__notes__", ())]
+    if not isinstance(error, CaseError | StudyError):
+        notes.append("--debug shows where it happened.")
+    typer.echo("\n".join([f"error: {message}", *notes]), err=True)
+    return 1
 
 
 if __name__ == "__main__":

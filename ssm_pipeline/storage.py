@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import hashlib
 import io
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,6 +28,7 @@ from ssm_pipeline.records import DamagedFile, Metrics, StudyError
 
 FORMAT_VERSION = 1
 Record = TypeVar("Record")
+Fingerprints = dict[str, tuple[int, str]]  # path below a folder → its bytes, their hash
 
 
 # What stands in the way of writing, as opposed to a fault of the program, and what to try.
@@ -83,6 +85,33 @@ def remove(path: Path) -> None:
     if path.exists():
         path.unlink()
         _reach_disk(path.parent)
+
+
+def fingerprints(folder: Path, paths: Iterable[Path]) -> Fingerprints:
+    """Size and hash of files below a folder, to tell later whether they are still as written."""
+    return {path.relative_to(folder).as_posix(): _fingerprint(path) for path in sorted(paths)}
+
+
+def not_as_written(
+    folder: Path, written: Mapping[str, tuple[int, str]], by_content: bool = False
+) -> list[DamagedFile]:
+    """What is wrong with files of which `fingerprints` were taken; by size alone, or by content."""
+    found = []
+    for name, (size, content) in written.items():
+        path = folder / name
+        if not path.is_file():
+            found.append(DamagedFile(path, "is missing"))
+        elif (now := path.stat().st_size) != size:
+            found.append(DamagedFile(path, f"has {now} bytes; {size} were written"))
+        elif by_content and _fingerprint(path)[1] != content:
+            found.append(DamagedFile(path, "no longer holds what was written"))
+    return found
+
+
+def _fingerprint(path: Path) -> tuple[int, str]:
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16))
+        return file.tell(), digest.hexdigest()
 
 
 def _reach_disk(path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ssm_pipeline import storage
+from ssm_pipeline.commands.export_folder import clear_former_model, note_export
 from ssm_pipeline.commands.pseudonyms import KEY_FILE, pseudonyms_of
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import Run, load_run
@@ -37,9 +38,14 @@ def export_run(
     names = {case_id: case_id for case_id in run.cases}
     if pseudonymise:
         names = pseudonyms_of(run.cases, run_folder)
-    written = _write(run, folder, wanted, names)
     about = folder / ABOUT_FILE
-    storage.write_json(about, _about(run, pseudonymise, names))
+    before = storage.read_json(about) if about.is_file() else {}
+    written = _write(run, folder, wanted, names)
+    key = next(record.key for record in run.stages if record.stage == "shape_model")
+    files = clear_former_model(folder, before, key, written)
+    content = _about(run, pseudonymise, names) | {"model_key": key, "files": files}
+    storage.write_json(about, content)
+    note_export(run_folder, folder)
     return [*written, about]
 
 

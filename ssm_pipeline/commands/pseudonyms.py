@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.records import StudyError
 
 KEY_FILE = "pseudonyms.csv"
 
@@ -19,17 +20,42 @@ def pseudonyms_of(case_ids: Sequence[str], run_folder: Path) -> dict[str, str]:
     grew must not call two people by one name.
     """
     path = run_folder / KEY_FILE
-    known: dict[str, str] = {}
-    if path.is_file():
-        table = pd.read_csv(path, dtype=str, keep_default_na=False)
-        known = dict(zip(table["case_id"], table["pseudonym"], strict=True))
+    known = _known(path)
     new = [case_id for case_id in case_ids if case_id not in known]
     if new:
         known |= {
             case_id: f"case_{number:03d}"
             for number, case_id in enumerate(new, start=len(known) + 1)
         }
-        table = pd.DataFrame({"case_id": list(known), "pseudonym": list(known.values())})
-        with storage.written_whole(path) as temporary:
-            table.to_csv(temporary, index=False)
+        _write(known, path)
     return {case_id: known[case_id] for case_id in case_ids}
+
+
+def forget_pseudonym(case_id: str, run_folder: Path) -> None:
+    """Nothing leads from the pseudonym to the case any more; its number stays taken."""
+    path = run_folder / KEY_FILE
+    known = _known(path)
+    if case_id in known:
+        number = known.pop(case_id)
+        _write(known | {f"(withdrawn {number})": number}, path)
+
+
+def _known(path: Path) -> dict[str, str]:
+    """Case id → pseudonym of the key file. Raises StudyError for one that is damaged."""
+    if not path.is_file():
+        return {}
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+        return dict(zip(table["case_id"], table["pseudonym"], strict=True))
+    except (ValueError, KeyError) as error:
+        # Never made again: new numbers would call two people by one name.
+        raise StudyError(
+            f"{path}, the key to the pseudonyms, is damaged ({error}). Copy it back from a backup, "
+            "or move it away and all exports made with it."
+        ) from error
+
+
+def _write(known: dict[str, str], path: Path) -> None:
+    table = pd.DataFrame({"case_id": list(known), "pseudonym": list(known.values())})
+    with storage.written_whole(path) as temporary:
+        table.to_csv(temporary, index=False)

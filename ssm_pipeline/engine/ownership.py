@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ssm_pipeline import storage
+from ssm_pipeline.engine.left_files import CASE_FILE
+from ssm_pipeline.engine.run_log import read_events
 from ssm_pipeline.engine.stage import StageRecord
-from ssm_pipeline.records import StudyError
+from ssm_pipeline.records import DamagedFile, StudyError
 
 OWNER_FILE = "study.json"
 LOCK_FILE = ".lock"
@@ -40,8 +44,8 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
     Phantom results give way to patients': they are moved to `<study>-phantoms`, and that path is
     returned. Raises StudyError for a folder of another study, or of patients when phantoms run.
     """
-    owner_path = run_folder / OWNER_FILE
-    if not owner_path.exists():
+    owner = read_owner(run_folder)
+    if owner is None:
         strangers = [path.name for path in run_folder.glob("*") if path.name != "data"]
         if strangers:
             raise StudyError(
@@ -49,7 +53,6 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
                 "Choose another folder with --runs."
             )
         return None
-    owner = storage.read_json(owner_path)
     if owner["study"] != study:
         raise StudyError(
             f"{run_folder} belongs to the study {owner['study']}, not {study}. Choose another "
@@ -72,20 +75,60 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
     return aside
 
 
+def read_owner(run_folder: Path) -> dict[str, Any] | None:
+    """Whose the folder is: study, synthetic, data, cases (id → file key); None if no run was here.
+
+    Where the file that says so is damaged or missing, the run's log and records say it. Raises
+    StudyError where they don't either.
+    """
+    path = run_folder / OWNER_FILE
+    record = StageRecord.read(run_folder / "data")
+    cases = record.inputs if record is not None else {}
+    try:
+        return {"cases": cases} | _owner(storage.read_json(path))
+    except (DamagedFile, KeyError, TypeError) as error:
+        runs = [event for event in read_events(run_folder) if event["event"] == "run"]
+        if runs:
+            return {"cases": cases} | _owner(runs[-1])
+        if not path.exists() and record is None:
+            return None
+        raise StudyError(
+            f"{path} is missing or damaged, and nothing else says whose results {run_folder} "
+            "holds. Move it away and run again."
+        ) from error
+
+
+def _owner(content: Any) -> dict[str, Any]:
+    names = ("study", "synthetic", "data", *(("cases",) if "cases" in content else ()))
+    return {name: content[name] for name in names}
+
+
 def take(
     run_folder: Path, study: str, data: str, is_synthetic: bool, file_keys: Mapping[str, str]
-) -> None:
+) -> tuple[str, ...]:
     """Write down whose the folder is. Raises StudyError if it holds results of other masks.
 
-    Cases may be added to a study or left out: one mask in common is enough.
+    Cases may be added to a study or left out: one mask in common is enough. What there is of cases
+    left out is deleted; their ids are returned.
     """
-    before = StageRecord.read(run_folder / "data")
-    if before is not None and not is_synthetic:
-        if not set(before.inputs.values()) & set(file_keys.values()):
-            owner = storage.read_json(run_folder / OWNER_FILE)
-            raise StudyError(
-                f"{run_folder} holds results of {owner['data']}; this run is on {data}, none of "
-                f"which is among them. Choose another folder with --runs, or delete {run_folder}."
-            )
-    owner = {"study": study, "synthetic": is_synthetic, "data": data}
-    storage.write_json(run_folder / OWNER_FILE, owner)
+    owner = read_owner(run_folder)
+    before: Mapping[str, str] = owner["cases"] if owner else {}
+    if owner and before and not is_synthetic and not set(before.values()) & set(file_keys.values()):
+        raise StudyError(
+            f"{run_folder} holds results of {owner['data']}; this run is on {data}, none of "
+            f"which is among them. Choose another folder with --runs, or delete {run_folder}."
+        )
+    gone = tuple(sorted(set(before) - set(file_keys)))
+    delete_cases(run_folder, gone)
+    content = {"study": study, "synthetic": is_synthetic, "data": data, "cases": dict(file_keys)}
+    storage.write_json(run_folder / OWNER_FILE, content)
+    return gone
+
+
+def delete_cases(run_folder: Path, case_ids: Collection[str]) -> None:
+    """Delete the folders of these cases in every stage."""
+    if not case_ids:
+        return
+    for record in [*run_folder.glob(f"*/**/{CASE_FILE}")]:
+        if record.parent.name in case_ids:
+            shutil.rmtree(record.parent)

@@ -16,8 +16,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from ssm_pipeline import storage
 from ssm_pipeline.engine import process
+from ssm_pipeline.engine.left_files import CASE_FILE, files_of_case
 from ssm_pipeline.records import CaseError, StudyError
 
 Row = dict[str, Any]  # one line of a stage's table: column name → number, text or None
@@ -42,6 +45,10 @@ class CaseResult:
     seconds: float = 0.0
     peak_memory_mb: float = 0.0
     dropped: str | None = None
+    files: storage.Fingerprints = field(default_factory=dict)
+
+
+_case_result = TypeAdapter(CaseResult)
 
 
 class CaseFailure(RuntimeError):
@@ -61,11 +68,13 @@ def map_cases(
     stage_folder: Path,
     jobs: int,
     on_progress: Callable[[int], None] = lambda done: None,
+    on_result: Callable[[CaseResult], None] = lambda result: None,
 ) -> list[CaseResult]:
     """Do the tasks not finished yet; results in the order of the tasks.
 
-    Raises CaseFailure for any error but a CaseError, which drops its case; StudyError where the
-    system killed a process.
+    on_result  told of every case as it is done; not of those that were finished.
+    Raises CaseFailure for any error but a CaseError, which drops its case, and a StudyError, which
+    is passed on; StudyError where the system killed a process.
     """
     finished = {task.case_id: finished_result(task, stage_folder) for task in tasks}
     results = {case_id: result for case_id, result in finished.items() if result is not None}
@@ -73,16 +82,23 @@ def map_cases(
     on_progress(len(results))
     for result in _in_processes(missing, stage_folder, min(jobs, len(missing))):
         results[result.case_id] = result
+        on_result(result)
         on_progress(len(results))
     return [results[task.case_id] for task in tasks]
 
 
 def finished_result(task: CaseTask, stage_folder: Path) -> CaseResult | None:
-    path = stage_folder / task.case_id / "case.json"
+    """What an earlier run made of the task; None if nothing, or if its files are not whole."""
+    path = stage_folder / task.case_id / CASE_FILE
     if not path.exists():
         return None
-    content = storage.read_json(path)
-    return CaseResult(**content) if content["key"] == task.key else None
+    try:
+        result = _case_result.validate_json(path.read_bytes())
+    except ValidationError:  # cut short, or of another version: done again
+        return None
+    if result.key != task.key or storage.not_as_written(path.parent, result.files):
+        return None
+    return result
 
 
 def run_case(task: CaseTask, stage_folder: Path) -> CaseResult:
@@ -98,11 +114,15 @@ def run_case(task: CaseTask, stage_folder: Path) -> CaseResult:
         row = task.work(folder)
     except CaseError as error:
         dropped = error.reason
+    except StudyError:  # a full disk, a damaged file of an earlier stage
+        raise
     except Exception as error:
         raise CaseFailure(task.case_id, traceback.format_exc()) from error
     seconds = time.perf_counter() - start
-    result = CaseResult(task.case_id, task.key, row, seconds, process.peak_memory_mb(), dropped)
-    storage.write_json(folder / "case.json", dataclasses.asdict(result))
+    files = storage.fingerprints(folder, files_of_case(folder))
+    memory = process.peak_memory_mb()
+    result = CaseResult(task.case_id, task.key, row, seconds, memory, dropped, files)
+    storage.write_json(folder / CASE_FILE, dataclasses.asdict(result))
     return result
 
 

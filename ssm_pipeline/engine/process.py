@@ -96,6 +96,18 @@ def versions() -> dict[str, str]:
     return found
 
 
+def machine() -> dict[str, str | int]:
+    """What, beside versions and seed, may change a result's last bits."""
+    found: dict[str, str | int] = {"processor": platform.processor() or platform.machine()}
+    found["cores"] = available_cores()
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        if name in os.environ:
+            found[name] = os.environ[name]
+    if torch := sys.modules.get("torch"):
+        found["torch_threads"] = torch.get_num_threads()
+    return found
+
+
 def chosen_device(wanted: str | None) -> str:
     """The device asked for, or cuda where there is one. Raises StudyError if it is not there."""
     import torch

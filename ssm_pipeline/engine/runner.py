@@ -11,13 +11,15 @@ from typing import Any
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine import process
-from ssm_pipeline.engine.keys import key_of, key_of_files
+from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.left_files import STAGE_FILE, damaged_files, files_of_stage, undo
 from ssm_pipeline.engine.ownership import alone_in, make_room, take
 from ssm_pipeline.engine.stage import JobSettings, Outcome, Stage, StageContext, StageRecord
 from ssm_pipeline.engine.terminal import Terminal, duration
-from ssm_pipeline.records import Cohort, Dropped, StudyError
+from ssm_pipeline.engine.withdrawn import without_withdrawn
+from ssm_pipeline.records import Cohort, DamagedFile, Dropped, StudyError
 
-FEWEST_CASES = 3
+FEWEST_CASES = 4  # one is left out to score the model, and three are needed for the model then
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Job:
     name           of the study, and of its folder in the runs folder.
     data           where its cases come from, in words; is_synthetic: they are no patients.
     find_cohort    run folder → the cases; reads no case yet.
+    check_cohort   raises StudyError for settings that don't fit these cases.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Job:
     data: str
     is_synthetic: bool
     find_cohort: Callable[[Path], Cohort]
+    check_cohort: Callable[[Cohort], None] = lambda cohort: None
 
 
 @dataclass(frozen=True)
@@ -50,21 +54,47 @@ def run_stages(
 ) -> Path:
     """Bring every stage up to date. Returns the run's folder.
 
-    Raises StudyError where the folder is not ours or fewer than three cases are left, CaseFailure
-    where a case breaks the code. What was finished stays, and the next run goes on from there.
+    A file of the run that turns out to be damaged is deleted and made again. Raises StudyError
+    where the folder is not ours or too few cases are left, CaseFailure where a case breaks the
+    code. What was finished stays, and the next run goes on from there.
     """
     process.keep_large_blocks()
-    run_folder, settings = options.runs / job.name, job.settings
+    run_folder = options.runs / job.name
     # Before any work: a file that they name and that can't be read says so now, not hours later.
-    kept_settings = {stage.name: stage.settings(settings) for stage in stages}
+    kept_settings = {stage.name: stage.settings(job.settings) for stage in stages}
+    mended: set[Path] = set()
     with alone_in(run_folder):
         if aside := make_room(run_folder, job.name, job.is_synthetic):
             terminal.say(f"the phantom results that were in {run_folder} are now in {aside}")
-        start = time.perf_counter()
-        cohort = job.find_cohort(run_folder)
-        file_keys = {case.case_id: key_of_files(case.files) for case in cohort.cases}
-        take(run_folder, job.name, job.data, job.is_synthetic, file_keys)
-        storage.write_text(run_folder / "study.yaml", settings.to_yaml())
+        while True:
+            try:
+                _bring_up_to_date(job, stages, kept_settings, run_folder, options, terminal)
+                return run_folder
+            except DamagedFile as error:
+                if error.path in mended or not error.path.is_relative_to(run_folder):
+                    raise
+                mended.add(error.path)
+                terminal.say(f"      {error.path} {error.found}: it is made again")
+                undo(error.path, run_folder)
+
+
+def _bring_up_to_date(
+    job: Job,
+    stages: Sequence[Stage[Any]],
+    kept_settings: Mapping[str, Any],
+    run_folder: Path,
+    options: RunOptions,
+    terminal: Terminal,
+) -> None:
+    start = time.perf_counter()
+    cohort, file_keys = without_withdrawn(job.find_cohort(run_folder), run_folder, terminal)
+    job.check_cohort(cohort)
+    gone = take(run_folder, job.name, job.data, job.is_synthetic, file_keys)
+    storage.write_text(run_folder / "study.yaml", job.settings.to_yaml())
+    with terminal.logged_to(run_folder) as log, log.kept_errors():
+        log.event("run", study=job.name, synthetic=job.is_synthetic, data=job.data)
+        if gone:
+            terminal.say(f"      {len(gone)} cases are no longer of the study: deleted")
         done: dict[str, StageRecord] = {}
         case_keys: Mapping[str, str] = file_keys
         redone = 0
@@ -74,16 +104,18 @@ def run_stages(
             key = key_of(stage.name, stage.version, kept, inputs)
             record = StageRecord.read(run_folder / stage.name)
             is_current = record is not None and record.key == key
+            if record is not None and is_current:
+                is_current = not _remove_damaged(record, run_folder / stage.name, terminal)
             if record is None or not is_current:
                 redone += 1
                 for later in stages[number - 1 :]:  # until redone, what they hold is of the past
-                    (run_folder / later.name / "stage.json").unlink(missing_ok=True)
+                    storage.remove(run_folder / later.name / STAGE_FILE)
                 context = StageContext(
                     name=stage.name,
                     key=key,
                     study=job.name,
                     run_folder=run_folder,
-                    settings=settings,
+                    settings=job.settings,
                     device=options.device,
                     jobs=options.jobs,
                     terminal=terminal,
@@ -91,14 +123,25 @@ def run_stages(
                     done=done,
                     case_keys=case_keys,
                 )
+                log.event("stage started", stage=stage.name, cases=len(case_keys))
                 record = _run_stage(stage, context, kept, inputs, start)
+                log.event("stage finished", stage=stage.name, seconds=record.seconds)
             done[stage.name] = record
             case_keys = record.case_keys
             _say(terminal, number, len(stages), record, is_current)
             start = time.perf_counter()
-    if not redone:
-        terminal.say("nothing to do: every stage is up to date")
-    return run_folder
+        if not redone:
+            terminal.say("nothing to do: every stage is up to date")
+        log.event("run finished")
+
+
+def _remove_damaged(record: StageRecord, folder: Path, terminal: Terminal) -> bool:
+    """Delete what is not as the stage left it, by its size. True if there was any."""
+    damaged = damaged_files(folder, record.files)
+    for error in damaged:
+        terminal.say(f"      {error.path} {error.found}: it is made again")
+        undo(error.path, folder.parent)
+    return bool(damaged)
 
 
 def _run_stage(
@@ -126,6 +169,8 @@ def _run_stage(
         dropped=[vars(case) for case in outcome.dropped],
         case_keys=dict(outcome.case_keys),
         note=outcome.note,
+        ran_on={**process.machine(), "device": context.device, "jobs": context.jobs},
+        files=storage.fingerprints(context.folder(), files_of_stage(context.folder())),
     )
     record.write(context.folder())
     return record

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.left_files import STAGE_FILE
 from ssm_pipeline.engine.per_case import CaseResult, CaseTask, Row, map_cases
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import Cohort, Dropped
@@ -73,14 +75,20 @@ class StageRecord:
     dropped: list[dict[str, str]]
     case_keys: dict[str, str]
     note: str = ""
+    ran_on: dict[str, Any] = field(default_factory=dict)  # what may change the last bits
+    files: storage.Fingerprints = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
-        storage.write_json(folder / "stage.json", dataclasses.asdict(self))
+        storage.write_json(folder / STAGE_FILE, dataclasses.asdict(self))
 
     @staticmethod
     def read(folder: Path) -> StageRecord | None:
-        path = folder / "stage.json"
-        return StageRecord(**storage.read_json(path)) if path.exists() else None
+        """None where there is none, or none that can be read: the stage is not finished."""
+        path = folder / STAGE_FILE
+        try:
+            return TypeAdapter(StageRecord).validate_json(path.read_bytes())
+        except (FileNotFoundError, ValidationError):
+            return None
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,17 @@ class StageContext(Generic[S]):
         place = folder or self.folder()
         with self.terminal.steps(place.name, len(tasks)) as steps:
             count = self.jobs if jobs is None else jobs
-            return map_cases(tasks, place, count, steps.advance_to)
+            return map_cases(tasks, place, count, steps.advance_to, self._log_case)
+
+    def _log_case(self, result: CaseResult) -> None:
+        self.terminal.log(
+            "case",
+            stage=self.name,
+            case_id=result.case_id,
+            seconds=round(result.seconds, 3),
+            peak_memory_mb=round(result.peak_memory_mb, 1),
+            dropped=result.dropped,
+        )
 
     def write_table(self, name: str, rows: Sequence[Row]) -> None:
         with storage.written_whole(self.folder() / f"{name}.csv") as temporary:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -15,22 +17,35 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from ssm_pipeline.engine.run_log import RunLog
 from ssm_pipeline.records import Dropped
 
 SHOWN_DROPPED = 20
-PLAIN_INTERVAL_S = 30.0  # a log file gets a progress line this often
+PLAIN_INTERVAL_S = 30.0  # where there is no terminal, a progress line this often
+LOG_INTERVAL_S = 5.0  # for `workflow status`
 
 
 class Steps:
     """Counts finished steps of one piece of work, on a bar or as lines in a log."""
 
-    def __init__(self, console: Console, label: str, total: int, bar: Progress | None) -> None:
-        self.console, self.label, self.total, self.bar = console, label, total, bar
+    def __init__(
+        self,
+        console: Console,
+        label: str,
+        total: int,
+        bar: Progress | None,
+        log: Callable[..., None] = lambda kind, **what: None,
+    ) -> None:
+        self.console, self.label, self.total, self.bar, self.log = console, label, total, bar, log
         self.done, self.said = 0, time.monotonic()
+        self.logged = 0.0
         self.task = bar.add_task(label, total=total, note="") if bar else None
 
     def advance_to(self, done: int, note: str = "") -> None:
         self.done = done
+        if time.monotonic() - self.logged >= LOG_INTERVAL_S or done == self.total:
+            self.logged = time.monotonic()
+            self.log("progress", label=self.label, done=done, total=self.total)
         if self.bar is not None and self.task is not None:
             self.bar.update(self.task, completed=done, note=note)
         elif self.total > 1 and time.monotonic() - self.said >= PLAIN_INTERVAL_S:
@@ -39,18 +54,37 @@ class Steps:
 
 
 class Terminal:
-    """Plain lines where there is no terminal; bars, which vanish when done, where there is."""
+    """Plain lines where there is no terminal; bars, which vanish when done, where there is.
+
+    Inside `logged_to` all that is said is also kept in a run's folder.
+    """
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Console(highlight=False, soft_wrap=True, markup=False)
+        self._log: RunLog | None = None
 
     def say(self, line: str) -> None:
         self.console.print(line)
+        if self._log is not None:
+            self._log.say(line)
+
+    def log(self, kind: str, **what: Any) -> None:
+        """An event for the run's log; nothing is shown."""
+        if self._log is not None:
+            self._log.event(kind, **what)
+
+    @contextmanager
+    def logged_to(self, run_folder: Path) -> Iterator[RunLog]:
+        self._log, before = RunLog(run_folder), self._log
+        try:
+            yield self._log
+        finally:
+            self._log = before
 
     @contextmanager
     def steps(self, label: str, total: int) -> Iterator[Steps]:
         if not self.console.is_terminal:
-            yield Steps(self.console, label, total, None)
+            yield Steps(self.console, label, total, None, self.log)
             return
         columns = (
             TextColumn("      {task.description}"),
@@ -60,7 +94,7 @@ class Terminal:
             TextColumn("{task.fields[note]}"),
         )
         with Progress(*columns, console=self.console, transient=True) as bar:
-            yield Steps(self.console, label, total, bar)
+            yield Steps(self.console, label, total, bar, self.log)
 
     def stage(
         self, number: int, total: int, name: str, result: str, dropped: Sequence[Dropped]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.records import StudyError
+from ssm_pipeline.records import DamagedFile, StudyError
 from ssm_pipeline.report.landmarks import Landmarks, landmarks_from_markups
 from ssm_pipeline.stages.run import Run
 
@@ -22,6 +22,10 @@ def read_landmarks(path: Path) -> Landmarks:
     advice = "Save it from 3D Slicer's Markups as .mrk.json, or leave report.landmarks out."
     try:
         return landmarks_from_markups(storage.read_json(path))
+    except DamagedFile as error:
+        raise StudyError(
+            f"the landmark file {path} holds no markups: it {error.found}. {advice}"
+        ) from error
     except OSError as error:
         raise StudyError(
             f"the landmark file {path} can't be read ({error.strerror}). {advice}"

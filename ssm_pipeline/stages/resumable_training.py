@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.records import DamagedFile, SpectralBasis
 from ssm_pipeline.stages.context import Context, training_bases
 from ssm_pipeline.training.settings import TrainingSettings
 
@@ -38,7 +39,12 @@ def train_resumably(
     path = _checkpoint(folder, key)
     for stale in set(folder.glob(_checkpoint(folder, "*").name)) - {path}:
         stale.unlink()
-    start = load_checkpoint(path) if path.exists() else None
+    try:
+        start = load_checkpoint(path) if path.exists() else None
+    except DamagedFile as error:
+        terminal.say(f"      {path} {error.found}: {label} starts afresh")
+        storage.remove(path)
+        start = None
     if start is not None:
         terminal.say(f"      {label} goes on after step {start.step}")
     history = list(start.history) if start else []
@@ -61,7 +67,7 @@ def train_resumably(
 
 
 def forget_checkpoint(folder: Path, key: str) -> None:
-    _checkpoint(folder, key).unlink(missing_ok=True)
+    storage.remove(_checkpoint(folder, key))
 
 
 def trained_matcher(

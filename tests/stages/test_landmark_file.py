@@ -91,7 +91,7 @@ def test_a_missing_file_says_so_before_any_work(tmp_path: Path):
     settings = tiny_settings(tmp_path / "masks")
     changed = settings.report.model_copy(update={"landmarks": tmp_path / "none.mrk.json"})
     settings = settings.model_copy(update={"report": changed})
-    with pytest.raises(StudyError, match=r"none\.mrk\.json can't be read \(No such file"):
+    with pytest.raises(StudyError, match=r"none\.mrk\.json holds no markups: it is missing"):
         run_study("toy", settings, RunOptions(tmp_path / "runs"), Terminal())
     assert not (tmp_path / "runs").exists()
 

@@ -1,0 +1,46 @@
+"""What earlier exports left in a folder, and where a run was exported to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ssm_pipeline import storage
+
+EXPORTS_FILE = "exports.json"
+
+
+def clear_former_model(
+    folder: Path, before: Mapping[str, Any], model_key: str, written: Sequence[Path]
+) -> list[str]:
+    """Delete what an earlier export wrote of another model, cases left out since among it.
+
+    before     the content of the folder's `export.json` before this export.
+    model_key  the key of the model that is exported now.
+    Returns    the names of this program's files in the folder, for the new `export.json`.
+    """
+    now = {path.relative_to(folder).as_posix() for path in written}
+    former = set(before.get("files", ())) - now
+    if before.get("model_key") == model_key:
+        return sorted(former | now)
+    for name in former:
+        path = folder / name
+        if path.resolve().is_relative_to(folder.resolve()):
+            storage.remove(path)
+    return sorted(now)
+
+
+def note_export(run_folder: Path, folder: Path) -> None:
+    """Write down where a run was exported to, for `workflow forget` to name."""
+    path = run_folder / EXPORTS_FILE
+    known = storage.read_json(path) if path.is_file() else []
+    if str(folder.resolve()) not in known:
+        storage.write_json(path, sorted({*known, str(folder.resolve())}))
+
+
+def exports_of(run_folder: Path) -> tuple[Path, ...]:
+    """The folders that a run was exported to, as far as they exist."""
+    path = run_folder / EXPORTS_FILE
+    known = storage.read_json(path) if path.is_file() else []
+    return tuple(Path(name) for name in known if Path(name).exists())

@@ -1,0 +1,86 @@
+"""`workflow forget`: a case whose consent was withdrawn leaves a run, with all that was made of it.
+
+What rests on other cases alone stays: their meshes and bases. The trained networks, every
+correspondence, the model, its scores and the report were made with the case, and go.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssm_pipeline import storage
+from ssm_pipeline.commands.export_folder import exports_of
+from ssm_pipeline.commands.pseudonyms import forget_pseudonym
+from ssm_pipeline.engine.left_files import CASE_FILE, STAGE_FILE
+from ssm_pipeline.engine.ownership import OWNER_FILE, alone_in, delete_cases, read_owner
+from ssm_pipeline.engine.run_log import EVENT_LOG, TEXT_LOG
+from ssm_pipeline.engine.withdrawn import withdraw
+from ssm_pipeline.records import StudyError
+
+OF_ONE_CASE_EACH = ("data", "meshing", "spectral")  # stages whose cases don't see each other
+STALE_PAGE = """<!doctype html>
+<meta charset="utf-8">
+<title>Out of date</title>
+<p>This report was made with a case that has been withdrawn since, and was deleted.
+Run the study again to make a new one.</p>
+"""
+
+
+@dataclass(frozen=True)
+class Forgotten:
+    """What was deleted in the run's folder, and the exports elsewhere that still hold the case."""
+
+    deleted: tuple[Path, ...]
+    exports: tuple[Path, ...]
+
+
+def forget_case(case_id: str, run_folder: Path) -> Forgotten:
+    """Delete every trace of a case in a run's folder, and leave it out of later runs there.
+
+    Its files are known by their hash from now on, so that they are left out whatever their name.
+    Raises StudyError if the folder holds no run, or no such case.
+    """
+    owner = read_owner(run_folder)
+    if owner is None:
+        raise StudyError(f"{run_folder} holds no run; give a folder such as runs/luna16.")
+    cases = dict(owner["cases"])
+    if case_id not in cases:
+        raise StudyError(
+            f"{run_folder} has no case {case_id}. Its cases: {', '.join(cases) or 'none'}."
+        )
+    with alone_in(run_folder):
+        withdraw(run_folder, cases.pop(case_id))
+        before = {path for path in run_folder.rglob("*") if path.is_file()}
+        delete_cases(run_folder, [case_id])
+        for stage in run_folder.iterdir():
+            if stage.is_dir():
+                _forget_in_stage(stage, case_id)
+        if (page := run_folder / "report" / "index.html") in before:
+            storage.write_text(page, STALE_PAGE)
+        forget_pseudonym(case_id, run_folder)
+        for name in (TEXT_LOG, EVENT_LOG):
+            _forget_lines(run_folder / name, case_id)
+        exports = exports_of(run_folder)
+        storage.write_json(run_folder / OWNER_FILE, owner | {"cases": cases})
+    after = {path for path in run_folder.rglob("*") if path.is_file()}
+    return Forgotten(tuple(sorted(before - after)), exports)
+
+
+def _forget_in_stage(stage: Path, case_id: str) -> None:
+    if stage.name not in OF_ONE_CASE_EACH:
+        shutil.rmtree(stage)
+        return
+    storage.remove(stage / STAGE_FILE)
+    for path in stage.rglob("*"):
+        of_cases = any((parent / CASE_FILE).exists() for parent in path.parents)
+        if path.is_file() and not of_cases:  # tables of all cases; phantoms, drawn together
+            storage.remove(path)
+
+
+def _forget_lines(path: Path, case_id: str) -> None:
+    if path.is_file():
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
+        storage.write_text(path, "".join(line for line in lines if case_id not in line))
+

@@ -1,0 +1,62 @@
+"""What a run said and did, kept in its folder: `run.log` to read, `run.jsonl` for programs."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ssm_pipeline.records import CaseError, StudyError
+
+TEXT_LOG, EVENT_LOG = "run.log", "run.jsonl"
+
+
+class RunLog:
+    """Appends to the two logs of a run's folder; each line is on its own, whatever ends the run."""
+
+    def __init__(self, run_folder: Path) -> None:
+        self.text, self.events = run_folder / TEXT_LOG, run_folder / EVENT_LOG
+
+    def say(self, text: str) -> None:
+        with self.text.open("a", encoding="utf-8") as file:
+            file.write(f"{_now()}  {text}\n")
+
+    def event(self, kind: str, **what: Any) -> None:
+        line = json.dumps({"time": _now(), "event": kind, **what})
+        with self.events.open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    @contextmanager
+    def kept_errors(self) -> Iterator[None]:
+        """The traceback of whatever ends the block is kept, and a fault of ours says where."""
+        try:
+            yield
+        except BaseException as error:
+            self.event("run stopped", error=f"{type(error).__name__}: {error}")
+            self.say("".join(traceback.format_exception(error)).rstrip())
+            if not isinstance(error, CaseError | StudyError | KeyboardInterrupt):
+                error.add_note(f"The traceback is in {self.text}.")
+            raise
+
+
+def read_events(run_folder: Path) -> Iterator[dict[str, Any]]:
+    """The events of a run, the oldest first; a line that a power cut left half is passed over."""
+    path = run_folder / EVENT_LOG
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            try:
+                event = json.loads(line)
+            except ValueError:
+                continue
+            if isinstance(event, dict) and "event" in event:
+                yield event
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

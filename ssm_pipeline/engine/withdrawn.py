@@ -1,0 +1,38 @@
+"""Cases withdrawn from a run for good: known by the hash of their files, not by their names."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of_files
+from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.records import Cohort
+
+WITHDRAWN_FILE = "withdrawn.json"
+
+
+def withdrawn_keys(run_folder: Path) -> list[str]:
+    path = run_folder / WITHDRAWN_FILE
+    return list(storage.read_json(path)) if path.is_file() else []
+
+
+def withdraw(run_folder: Path, file_key: str) -> None:
+    """From now on, a case with these files is left out of this run."""
+    keys = sorted({*withdrawn_keys(run_folder), file_key})
+    storage.write_json(run_folder / WITHDRAWN_FILE, keys)
+
+
+def without_withdrawn(
+    cohort: Cohort, run_folder: Path, terminal: Terminal
+) -> tuple[Cohort, dict[str, str]]:
+    """The cohort without those withdrawn, and the key of each case's files."""
+    keys = {case.case_id: key_of_files(case.files) for case in cohort.cases}
+    withdrawn = set(withdrawn_keys(run_folder)) & set(keys.values())
+    if withdrawn:
+        terminal.say(f"      {len(withdrawn)} cases were withdrawn and are left out")
+        keys = {case_id: key for case_id, key in keys.items() if key not in withdrawn}
+        kept = tuple(case for case in cohort.cases if case.case_id in keys)
+        cohort = dataclasses.replace(cohort, cases=kept)
+    return cohort, keys

@@ -1,0 +1,189 @@
+"""`verify`, `status`, `doctor` and `forget` on a real run, and how the command line ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command_line import Workflow
+from tiny_study import NAME, run_tiny, tiny_settings, write_balls
+
+from ssm_pipeline.commands.forget_case import forget_case
+from ssm_pipeline.commands.run_status import work_in_hand
+from ssm_pipeline.commands.run_study import run_study
+from ssm_pipeline.engine.ownership import alone_in
+from ssm_pipeline.engine.run_log import RunLog
+from ssm_pipeline.engine.runner import RunOptions
+from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.records import StudyError
+
+
+@pytest.fixture
+def copy(tiny_run: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "runs" / NAME
+    shutil.copytree(tiny_run, folder)
+    return folder
+
+
+def test_verify_finds_a_changed_byte_and_the_next_run_mends_it(
+    workflow: Workflow, tiny_run: Path, copy: Path
+):
+    assert workflow("verify", str(copy)).code == 0
+    mesh = copy / "meshing" / "ball_0" / "mesh.npz"
+    whole = mesh.read_bytes()
+    mesh.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    found = workflow("verify", str(copy))
+    assert found.code == 1
+    assert "ball_0/mesh.npz no longer holds what was written" in found.stdout
+    assert mesh.exists()
+    assert workflow("verify", str(copy), "--remove").code == 1
+    assert not mesh.exists()
+    run_tiny(tiny_run.parent.parent / "masks", copy.parent)
+    assert mesh.read_bytes() == whole
+    assert workflow("verify", str(copy)).code == 0
+
+
+def test_verify_of_no_run_says_so(workflow: Workflow, tmp_path: Path):
+    said = workflow("verify", str(tmp_path))
+    assert said.code == 1
+    assert "holds no run" in said.stderr
+
+
+def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_run: Path):
+    said = workflow("status", str(tiny_run)).stdout.splitlines()
+    assert [line.split()[0] for line in said[1:10]] == [
+        "data", "meshing", "spectral", "training", "correspondence", "groupwise", "shape_model",
+        "evaluation", "report",
+    ]  # fmt: skip
+    assert said[-1] == "finished"
+
+
+def test_status_of_work_in_hand_gives_its_pace(workflow: Workflow, tmp_path: Path):
+    def event(second: int, kind: str, **what: object) -> dict[str, object]:
+        return {"time": f"2026-01-01T00:00:{second:02d}+00:00", "event": kind, **what}
+
+    events = [
+        event(0, "run"),
+        event(0, "stage started", stage="meshing", cases=10),
+        event(4, "case", stage="meshing", case_id="a", dropped="too small"),
+        event(20, "progress", label="meshing", done=4, total=10),
+    ]
+    work = work_in_hand(events)
+    assert work is not None
+    assert (work.stage, work.done, work.total, work.dropped) == ("meshing", 4, 10, 1)
+    assert work.seconds_left == pytest.approx(30)  # 4 took 20 s, 6 are left
+    assert work_in_hand([*events, event(30, "stage finished", stage="meshing")]) is None
+    folder = tmp_path / "runs" / "x"
+    folder.mkdir(parents=True)
+    (folder / "run.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events) + '{"half')
+    stopped = workflow("status", str(folder)).stdout
+    assert "stopped: meshing 4 of 10, 1 dropped, about 30 s to go" in stopped
+    with alone_in(folder):
+        assert "now: meshing 4 of 10" in workflow("status", str(folder)).stdout
+
+
+def test_the_log_holds_what_was_said_and_the_traceback_of_a_fault(tmp_path: Path):
+    log = RunLog(tmp_path)
+    with pytest.raises(ZeroDivisionError) as error, log.kept_errors():
+        _ = 1 / 0
+    assert "_ = 1 / 0" in (tmp_path / "run.log").read_text()
+    assert error.value.__notes__ == [f"The traceback is in {tmp_path / 'run.log'}."]
+
+
+def test_doctor_names_what_a_report_needs(workflow: Workflow):
+    said = workflow("doctor").stdout
+    for name in ("python", "torch", "gpu", "cores", "disk", "meshing", "pictures"):
+        assert any(line.startswith(name) for line in said.splitlines()), name
+
+
+def test_forget_leaves_no_trace_and_the_next_run_leaves_the_case_out(
+    workflow: Workflow, tiny_run: Path, tmp_path: Path
+):
+    masks = write_balls(tmp_path / "masks", 5)
+    folder = run_tiny(masks, tmp_path / "runs")
+    export = tmp_path / "elsewhere"
+    assert workflow("export", NAME, "--to", str(export), "--format", "csv").code == 0
+    kept = {path: path.read_bytes() for path in folder.glob("meshing/*/mesh.npz")}
+    said = workflow("forget", "ball_1", "--run", str(folder))
+    assert said.code == 0, said.stderr
+    assert str(export) in said.stdout
+    names = [path for path in folder.rglob("*") if "ball_1" in path.name]
+    holding = [p for p in folder.rglob("*") if p.is_file() and b"ball_1" in p.read_bytes()]
+    assert names == holding == []
+    assert "withdrawn" in (folder / "report" / "index.html").read_text()
+    (masks / "ball_1.nii.gz").rename(masks / "renamed.nii.gz")
+    run_study(NAME, tiny_settings(masks), RunOptions(folder.parent), Terminal())
+    assert not [p for p in folder.rglob("*") if p.is_file() and b"renamed" in p.read_bytes()]
+    for path, content in kept.items():
+        assert path.exists() == ("ball_1" not in path.parts), path
+        assert "ball_1" in path.parts or path.read_bytes() == content
+    with pytest.raises(StudyError, match="has no case ball_1"):
+        forget_case("ball_1", folder)
+
+
+def test_a_second_export_holds_nothing_of_a_case_left_out_since(
+    workflow: Workflow, tiny_run: Path, tmp_path: Path
+):
+    masks = write_balls(tmp_path / "masks", 5)
+    folder, export = run_tiny(masks, tmp_path / "runs"), tmp_path / "export"
+    assert workflow("export", NAME, "--to", str(export), "--format", "shapeworks,npz").code == 0
+    mine = export / "notes.txt"
+    mine.write_text("mine")
+    (masks / "ball_1.nii.gz").unlink()
+    run_study(NAME, tiny_settings(masks), RunOptions(folder.parent), Terminal())
+    assert [path for path in folder.rglob("*") if "ball_1" in path.name] == []
+    assert workflow("export", NAME, "--to", str(export), "--format", "shapeworks").code == 0
+    assert [path for path in export.rglob("*") if "ball_1" in path.name] == []
+    assert not (export / "model.npz").exists()  # of the former model
+    assert mine.exists()
+
+
+def test_a_mistyped_option_is_a_usage_message(workflow: Workflow):
+    said = workflow("run", "--nope")
+    assert said.code == 2
+    assert "No such option" in said.stderr
+    assert "fault" not in said.stderr
+
+
+def test_a_traceback_is_shown_with_debug_only(workflow: Workflow):
+    assert "Traceback" not in workflow("show", "nope").stderr
+    assert "Traceback" in workflow("show", "nope", "--debug").stderr
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_closed_to_us_is_one_message(workflow: Workflow, tmp_path: Path):
+    (tmp_path / "runs").mkdir(mode=0o500)
+    said = workflow("run", "luna16")
+    assert said.code == 1
+    assert "Permission denied" in said.stderr
+    assert "Traceback" not in said.stderr
+
+
+def test_a_runs_folder_that_is_a_file_is_one_message(workflow: Workflow, tmp_path: Path):
+    (tmp_path / "runs").write_text("mine")
+    said = workflow("run", "luna16")
+    assert said.code == 1
+    assert said.stderr.startswith("error: ")
+    assert "runs" in said.stderr
+    assert "Traceback" not in said.stderr
+    assert (tmp_path / "runs").read_text() == "mine"
+
+
+def test_ctrl_c_says_that_what_is_finished_is_kept(tmp_path: Path):
+    command = [sys.executable, "-m", "ssm_pipeline", "run", "luna16"]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 60
+    while not (tmp_path / "runs").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130, said
+    assert said.strip().endswith("run the same command to go on.")
+    assert "Traceback" not in said

@@ -1,0 +1,120 @@
+"""What is damaged or missing in a run's folder is found and made again, and nothing else is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from test_runner import GOOD, Bench
+from toy_study import write_masks
+
+from ssm_pipeline.engine.left_files import damaged_files
+from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.records import StudyError
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    write_masks(tmp_path / "masks", GOOD)
+    bench = Bench(tmp_path)
+    bench.run()
+    return bench
+
+
+def run_folder(bench: Bench) -> Path:
+    return bench.folder / "runs" / "toy"
+
+
+def everything_in(folder: Path) -> dict[str, bytes]:
+    """What a run leaves, but for times: those are of the day."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name not in ("run.log", "run.jsonl"):
+            content = path.read_bytes()
+            if path.name in ("stage.json", "case.json"):
+                kept = json.loads(content)
+                for name in ("seconds", "peak_memory_mb", "finished_at"):
+                    kept.pop(name, None)
+                for name in [*kept["files"]]:
+                    if name.endswith("case.json"):
+                        del kept["files"][name]
+                content = json.dumps(kept).encode()
+            found[path.relative_to(folder).as_posix()] = content
+    return found
+
+
+def harm(path: Path, how: str) -> None:
+    content = path.read_bytes()
+    if how == "gone":
+        path.unlink()
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "other":
+        path.write_bytes(b"\xff" * len(content))
+
+
+FILES = {
+    "double/b/doubled.txt": ["b"],
+    "double/b/case.json": ["b"],
+    "double/doubled.csv": [],
+    "double/stage.json": [],
+    "sum/sum.txt": [],
+    "sum/stage.json": [],
+    "study.json": [],
+    "study.yaml": [],
+}
+
+
+@pytest.mark.parametrize("how", ["gone", "empty", "cut"])
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_file_is_made_again_and_no_other_case_is(bench: Bench, name: str, how: str):
+    whole = everything_in(run_folder(bench))
+    harm(run_folder(bench) / name, how)
+    bench.run()
+    assert bench.worked_on == FILES[name]
+    assert everything_in(run_folder(bench)) == whole
+    assert "nothing to do" in bench.run()
+
+
+def test_records_of_json_but_not_ours_are_made_again(bench: Bench):
+    for name in ("double/stage.json", "double/b/case.json"):
+        for content in ("[]", "{}", '{"key": 1}', "null"):
+            (run_folder(bench) / name).write_text(content)
+            bench.run()
+            assert bench.sum == "20"
+
+
+def test_a_change_that_keeps_the_size_is_found_by_content_only(bench: Bench):
+    harm(run_folder(bench) / "double/b/doubled.txt", "other")
+    folder = run_folder(bench) / "double"
+    record = StageRecord.read(folder)
+    assert record is not None
+    assert not damaged_files(folder, record.files)
+    (error,) = damaged_files(folder, record.files, by_content=True)
+    assert error.path == folder / "b" / "doubled.txt"
+
+
+def test_what_a_stage_left_is_of_its_own_files_and_its_cases_records(bench: Bench):
+    assert set(bench.stage_json("double")["files"]) == {
+        "doubled.csv", *(f"{case}/case.json" for case in GOOD)
+    }
+
+
+def test_the_folder_of_a_lost_owner_is_still_of_its_own_masks(bench: Bench):
+    (run_folder(bench) / "study.json").unlink()
+    (run_folder(bench) / "run.jsonl").unlink()
+    with pytest.raises(StudyError, match="nothing else says whose results"):
+        bench.run()
+
+
+def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench):
+    (bench.masks / "b.txt").unlink()
+    write_masks(bench.masks, {"e": "5"})
+    said = bench.run()
+    assert "1 cases are no longer of the study: deleted" in said
+    assert not (run_folder(bench) / "double" / "b").exists()
+    assert bench.worked_on == ["e"]
+    assert bench.sum == "26"
