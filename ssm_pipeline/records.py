@@ -227,6 +227,24 @@ class SpectralBasis:
     gradient_y: sp.csr_matrix
     frame: Similarity
 
+    def __post_init__(self) -> None:
+        for name in ("eigenvalues", "eigenvectors", "mass", "vertices"):
+            finite = np.isfinite(getattr(self, name))
+            if not finite.all():
+                self._refuse(name, int(np.argwhere(~finite)[0][0]))
+        for name in ("stiffness", "gradient_x", "gradient_y"):
+            operator = getattr(self, name)
+            if not np.isfinite(operator.data).all():
+                bad = operator.tocoo().row[~np.isfinite(operator.tocoo().data)]
+                self._refuse(name, int(bad[0]))
+
+    def _refuse(self, name: str, row: int) -> None:
+        raise CaseError(
+            self.case_id,
+            f"{name} is not finite at row {row} (of {len(self.vertices)} vertices). Look at the "
+            "triangles around that vertex, or remesh the surface.",
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:

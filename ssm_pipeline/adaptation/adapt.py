@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
-from ssm_pipeline.adaptation.objective import AdaptationObjective
+from ssm_pipeline.adaptation.objective import AdaptationObjective, MapPull
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 
 
@@ -17,11 +17,14 @@ def adapt(
     target_vertices: np.ndarray,
     target_faces: np.ndarray,
     settings: AdaptationSettings,
-    seed: int = 0,
+    seed: int,
+    pull: MapPull | None = None,
 ) -> np.ndarray:
     """Offsets Δ (V, 3) that bring the surface X onto Y and stay smooth, all at unit area.
 
-    `laplacian` is the template's. Source: Cao et al. 2024, Eq. 15, with the balance of
+    laplacian  the template's. seed: of the samples on both surfaces.
+    pull       where a map says the vertices go, if it is to be heard.
+    Source: Cao et al. 2024, Eq. 15, with the balance of
     AdaptationSettings.stiffness and Gauss–Newton in place of VectorAdam.
     """
     objective = AdaptationObjective(
@@ -33,6 +36,7 @@ def adapt(
         settings.samples,
         settings.stiffness,
         np.random.default_rng(seed),
+        pull,
     )
     offsets, _ = gauss_newton(objective, settings.steps, settings.tangential)
     return offsets

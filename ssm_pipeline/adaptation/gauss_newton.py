@@ -91,6 +91,8 @@ class _System:
         data = np.bincount(self.slot, np.concatenate([*entries, self.smooth]))
         size = len(self.indptr) - 1
         matrix = sp.csc_matrix((data, self.indices, self.indptr), shape=(size, size))
+        if obj.pull is not None:
+            matrix = matrix + sp.diags(np.repeat(obj.pull.weights, 3), format="csc")
         # Far from both surfaces' samples a vertex may slide freely: keep the factor regular.
         matrix = matrix + (1e-6 * matrix.diagonal().mean()) * sp.identity(size, format="csc")
 
@@ -99,6 +101,8 @@ class _System:
             vertex = obj.faces[face, corner]
             for d in range(3):
                 right[:, d] += np.bincount(vertex, bary[:, corner] * pull[:, d], size // 3)
+        if obj.pull is not None:
+            right += obj.pull.weights[:, None] * (obj.pull.points - obj.vertices)
         factor = splu(
             matrix.tocsc(),
             permc_spec="MMD_AT_PLUS_A",

@@ -1,4 +1,4 @@
-"""What adaptation minimises: CD(X + Δ, Y) + stiffness · trace(ΔᵀLΔ)."""
+"""What adaptation minimises: CD(X + Δ, Y) + stiffness · trace(ΔᵀLΔ), and a pull to the map."""
 
 from __future__ import annotations
 
@@ -27,6 +27,17 @@ class Nearest:
         return float(self.squared_x.mean() + self.squared_y.mean())
 
 
+@dataclass(frozen=True)
+class MapPull:
+    """Where a map says each vertex goes: Σ_i w_i ‖x_i + Δ_i − points_i‖².
+
+    points (V, 3) unit area: (Π_xy Y)_i; weights (V,) w_i = μ A_i c_i: area times confidence.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+
+
 class AdaptationObjective:
     """Fixed even samples on both surfaces; those of X move with its vertices.
 
@@ -44,8 +55,9 @@ class AdaptationObjective:
         samples: int,
         stiffness: float,
         generator: np.random.Generator,
+        pull: MapPull | None = None,
     ) -> None:
-        self.vertices, self.faces = vertices, faces
+        self.vertices, self.faces, self.pull = vertices, faces, pull
         self.laplacian, self.stiffness = laplacian, stiffness
         self.face, self.weights = sample_surface(vertices, faces, samples, generator)
         target_face, target_weights = sample_surface(
@@ -71,7 +83,11 @@ class AdaptationObjective:
 
     def value(self, offsets: np.ndarray, nearest: Nearest | None = None) -> float:
         nearest = nearest or self.nearest(self.moved_samples(offsets))
-        return nearest.chamfer + self.stiffness * self.dirichlet(offsets)
+        smooth = nearest.chamfer + self.stiffness * self.dirichlet(offsets)
+        if self.pull is None:
+            return smooth
+        gap = self.vertices + offsets - self.pull.points
+        return smooth + float(self.pull.weights @ (gap**2).sum(axis=1))
 
     def dirichlet(self, offsets: np.ndarray) -> float:
         """trace(ΔᵀLΔ)."""
@@ -88,6 +104,9 @@ class AdaptationObjective:
         corners = self.faces[self.face].ravel()
         spread = (self.weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
         total = 2 * self.stiffness * (self.laplacian @ offsets)
+        if self.pull is not None:
+            gap = self.vertices + offsets - self.pull.points
+            total += 2 * self.pull.weights[:, None] * gap
         for d in range(3):
             total[:, d] += np.bincount(corners, spread[:, d], len(self.vertices))
         return total

@@ -20,6 +20,7 @@ def shape_path(
     matcher: Matcher,
     settings: AdaptationSettings,
     coarse: CoarsePair | None = None,
+    seed: int = 0,
 ) -> ShapePath:
     """X(t, t_s) = X(t) + t_s Δ_s(t), in millimetres on the template's faces.
 
@@ -33,7 +34,7 @@ def shape_path(
     Y = pose_path(case, template, matcher, 1 - times, (coarse[1], coarse[0]) if coarse else None)
     offsets = np.stack(
         [
-            adapt(pose, template.faces, template.stiffness, goal, case.faces, settings)
+            adapt(pose, template.faces, template.stiffness, goal, case.faces, settings, seed)
             for pose, goal in zip(X, Y, strict=True)
         ]
     )

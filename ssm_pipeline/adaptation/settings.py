@@ -17,4 +17,8 @@ class AdaptationSettings(Settings):
     samples: int = Field(40_000, ge=100)  # points on each surface
     steps: int = Field(10, ge=1)  # Gauss–Newton steps
     tangential: float = Field(0.005, gt=0, le=1)  # weight of sliding against the normal's 1
+    # μ of a pull towards the map, μ Σ_i A_i c_i ‖x_i + Δ_i − (Π_xy Y)_i‖², c_i from the cycle's
+    # error; in the paper adaptation hears the map through X(1) alone: 0.
+    map_weight: float = Field(0.0, ge=0)
+    cycle_scale: float = Field(0.05, gt=0)  # √area; a vertex whose cycle ends so far off: c = 0.6
     path_times: int = Field(5, ge=2)  # times at which a path is adapted, 0 and 1 included

@@ -22,11 +22,14 @@ def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 3) unit normals, area-weighted; a vertex without triangles keeps zero."""
+    """(V, 3) unit normals, area-weighted; a vertex without triangles, or whose cancel, has zero."""
     of_faces = _normals_times_twice_area(vertices, faces)
     corners = faces.ravel()
     sums = [np.bincount(corners, np.repeat(of_faces[:, d], 3), len(vertices)) for d in range(3)]
-    return _unit(np.stack(sums, axis=1))
+    normals = np.stack(sums, axis=1)
+    around = np.bincount(corners, np.repeat(np.linalg.norm(of_faces, axis=1), 3), len(vertices))
+    normals[np.linalg.norm(normals, axis=1) < 1e-9 * around] = 0  # round-off has no direction
+    return _unit(normals)
 
 
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:

@@ -2,79 +2,116 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 
 from ssm_pipeline.interpolation.arap import arap_energy
 from ssm_pipeline.interpolation.interpolator import Interpolator
-from ssm_pipeline.interpolation.settings import SpatialLossWeights
-from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.interpolation.settings import SpatialLossSettings
+from ssm_pipeline.matching.pair import MatchedPair
 from ssm_pipeline.matching.shape import Shape
-from ssm_pipeline.matching.soft_map import soft_maps
-from ssm_pipeline.matching.spectral_loss import PairMaps
+
+# On equilateral triangles every cotangent weight is 1/√3: with this factor the weighted energy is
+# there Eq. 12's, whose edges all weigh 1.
+COTANGENT_TO_UNIFORM = 3**0.5
+
+# Shape X, its poses X_0 … X_T, and Y_T … Y_0 carried to it → a term of one direction.
+Term = Callable[[Shape, torch.Tensor, torch.Tensor, SpatialLossSettings], torch.Tensor]
 
 
 def spatial_loss(
-    shape_x: Shape,
-    shape_y: Shape,
-    features_x: torch.Tensor,
-    features_y: torch.Tensor,
-    maps: PairMaps,
-    interpolator: Interpolator,
-    time_steps: int,
-    weights: SpatialLossWeights,
-    settings: MatchingSettings,
+    pair: MatchedPair, interpolator: Interpolator, intervals: int, settings: SpatialLossSettings
 ) -> dict[str, torch.Tensor]:
-    """The terms, weighted, both directions added. `time_steps` is T; T = 0 aligns the end only.
+    """The terms, weighted, both directions added. `intervals` is T ≥ 1: times 0, 1/T … 1.
 
     No terms, and no work, where all weights are 0: the ablation without interpolation.
-    Source: Cao et al. 2024, Eq. 9–13. Norms are sums over vertices, as printed.
+    Source: Cao et al. 2024, Eq. 9–13; differs: norms over vertices are weighted by area, and see
+    SpatialLossSettings.
     """
-    if weights == SpatialLossWeights.none():
+    if settings.is_none:
         return {}
-    T = max(time_steps, 1)
-    times = torch.arange(1, T + 1, dtype=features_x.dtype, device=features_x.device) / T
-    X = interpolator(shape_x.vertices, maps.y_on_x, times, shape_x.neighbours)
-    Y = interpolator(shape_y.vertices, maps.x_on_y, times, shape_y.neighbours)
-    align = (X[-1] - maps.y_on_x).square().sum() + (Y[-1] - maps.x_on_y).square().sum()
-    terms = {"align": weights.align * align}
-    if weights.dirichlet > 0:
-        terms["dirichlet"] = weights.dirichlet * (
-            (maps.y_on_x * (shape_x.stiffness @ maps.y_on_x)).sum()
-            + (maps.x_on_y * (shape_y.stiffness @ maps.x_on_y)).sum()
-        )
-    if time_steps == 0:
-        return terms
+    T, x, y = intervals, pair.shape_x, pair.shape_y
+    times = torch.arange(1, T + 1, dtype=x.vertices.dtype, device=x.vertices.device) / T
+    X = torch.cat([x.vertices[None], interpolator(x.vertices, pair.y_on_x, times, x.neighbours)])
+    Y = torch.cat([y.vertices[None], interpolator(y.vertices, pair.x_on_y, times, y.neighbours)])
+    # Y_T … Y_0 carried to X, and X_T … X_0 to Y: entry k stands beside X_k.
+    on_x, on_y = pair.carry(_columns(X[1:]), _columns(Y[1:]))
+    Y_on_x = torch.cat([_times(on_x).flip(0), pair.y_on_x[None]])
+    X_on_y = torch.cat([_times(on_y).flip(0), pair.x_on_y[None]])
 
-    X = torch.cat([shape_x.vertices[None], X])  # X_0 … X_T
-    Y = torch.cat([shape_y.vertices[None], Y])
-    arap = (
-        arap_energy(X[:-1], X[1:], shape_x.edges, shape_x.edge_weights).sum()
-        + arap_energy(Y[:-1], Y[1:], shape_y.edges, shape_y.edge_weights).sum()
-    )
-    on_x, on_y = soft_maps(
-        features_x,
-        features_y,
-        X.transpose(0, 1).flatten(1),
-        Y.transpose(0, 1).flatten(1),
-        settings.temperature,
-        settings.block_rows,
-    )
-    symmetry_x, variance_x = _symmetry_and_variance(X, on_x)
-    symmetry_y, variance_y = _symmetry_and_variance(Y, on_y)
-    terms["arap"] = weights.arap * arap
-    terms["symmetry"] = weights.symmetry * (symmetry_x + symmetry_y)
-    terms["variance"] = weights.variance * (variance_x + variance_y)
-    return terms
+    def both(term: Term) -> torch.Tensor:
+        return term(x, X, Y_on_x, settings) + term(y, Y, X_on_y, settings)
+
+    return {
+        "align": settings.align * both(_align),
+        "arap": settings.arap * both(_arap),
+        "symmetry": settings.symmetry * both(_symmetry),
+        "variance": settings.variance * both(_variance),
+        "dirichlet": settings.dirichlet * both(_dirichlet),
+    }
 
 
-def _symmetry_and_variance(
-    X: torch.Tensor, other: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """L_sym = Σ_{k=1}^{T−1} ‖X_k − Π Y_{T−k}‖², L_var = Σ_i Var_k ‖X_k − Π Y_{T−k}‖^i.
+def _align(
+    shape: Shape, X: torch.Tensor, Y_on_x: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """‖X − Π Y(1)‖², or as printed ‖X(1) − Π Y‖²."""
+    moment = 0 if settings.align_form == "cycle" else -1
+    return _squared(shape, X[moment] - Y_on_x[moment], settings)
 
-    X (T+1, V, 3); other (V, 3(T+1)): Π applied to Y_0 … Y_T.
-    """
-    reversed_other = other.unflatten(1, (-1, 3)).transpose(0, 1).flip(0)
-    squared = (X - reversed_other).square().sum(-1)
+
+def _arap(
+    shape: Shape, X: torch.Tensor, Y_on_x: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """Σ_{k=0}^{T−1} E_arap(X_k, X_{k+1})."""
+    weights = torch.ones_like(shape.edge_weights)
+    if settings.arap_edges == "cotangent":
+        weights = COTANGENT_TO_UNIFORM * shape.edge_weights
+    energy = arap_energy(X[:-1], X[1:], shape.edges, weights).sum()
+    if settings.arap_both_ways:
+        energy = energy + arap_energy(X[1:], X[:-1], shape.edges, weights).sum()
+    return energy
+
+
+def _symmetry(
+    shape: Shape, X: torch.Tensor, Y_on_x: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """Σ_{k=1}^{T−1} ‖X_k − Π Y_{T−k}‖²; its mean over k where settings say so."""
+    total = _squared(shape, X[1:-1] - Y_on_x[1:-1], settings)
+    return total / max(len(X) - 2, 1) if settings.symmetry_mean else total
+
+
+def _variance(
+    shape: Shape, X: torch.Tensor, Y_on_x: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """Σ_i Var_k ‖X_k − Π Y_{T−k}‖^i over k = 1 … T, divisor T − 1."""
+    if len(X) < 3:  # T = 1: one distance has no variance
+        return X.new_zeros(())
+    squared = (X[1:] - Y_on_x[1:]).square().sum(-1)
     distance = (squared + 1e-12).sqrt()  # the root has no gradient at zero
-    return squared[1:-1].sum(), distance.var(dim=0, unbiased=False).sum()
+    return settings.vertices * (shape.mass * distance.var(dim=0, unbiased=True)).sum()
+
+
+def _dirichlet(
+    shape: Shape, X: torch.Tensor, Y_on_x: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """trace((Π Y)ᵀ L Π Y)."""
+    y_on_x = Y_on_x[-1]
+    return (y_on_x * (shape.stiffness @ y_on_x)).sum()
+
+
+def _squared(
+    shape: Shape, difference: torch.Tensor, settings: SpatialLossSettings
+) -> torch.Tensor:
+    """‖difference‖², (…, V, 3), summed over vertices by area and over times."""
+    return settings.vertices * (shape.mass * difference.square().sum(-1)).sum()
+
+
+def _columns(poses: torch.Tensor) -> torch.Tensor:
+    """(T, V, 3) → (V, 3T), what a map carries at once."""
+    return poses.transpose(0, 1).flatten(1)
+
+
+def _times(columns: torch.Tensor) -> torch.Tensor:
+    """(V, 3T) → (T, V, 3)."""
+    return columns.unflatten(1, (-1, 3)).transpose(0, 1)

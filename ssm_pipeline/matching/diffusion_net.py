@@ -56,9 +56,22 @@ class FeatureNetwork(nn.Module):
             DiffusionBlock(settings.width, settings.dropout) for _ in range(settings.blocks)
         )
         self.last = nn.Linear(settings.width, settings.channels)
+        self.normalise = settings.normalise
 
     def forward(self, shape: Shape) -> torch.Tensor:
         x = self.first(shape.inputs)
         for block in self.blocks:
             x = block(x, shape)
-        return self.last(x)
+        features = self.last(x)
+        return standardised(features, shape.mass) if self.normalise else features
+
+
+def standardised(features: torch.Tensor, mass: torch.Tensor) -> torch.Tensor:
+    """Features (V, C) with mean 0 and variance 1 over the surface, channel by channel.
+
+    Without it the outputs share one large common part: all cosines are near 1.
+    """
+    weight = (mass / mass.sum())[:, None]
+    centred = features - (weight * features).sum(dim=0)
+    variance = (weight * centred.square()).sum(dim=0)
+    return centred / (variance + 1e-8).sqrt()

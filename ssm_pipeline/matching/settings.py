@@ -8,6 +8,8 @@ from pydantic import Field
 
 from ssm_pipeline.settings import Settings
 
+InferenceMap = Literal["projected", "features", "soft"]
+
 
 class MatchingSettings(Settings):
     features: Literal["wks", "xyz+wks"] = "wks"  # network input; xyz for scanner-aligned cohorts
@@ -16,10 +18,17 @@ class MatchingSettings(Settings):
     width: int = Field(128, ge=1)  # hidden channels of DiffusionNet
     blocks: int = Field(4, ge=1)  # DiffusionNet blocks
     dropout: float = Field(0.0, ge=0, lt=1)  # in the blocks' MLPs; the authors' code: 0.5
+    # Each shape's features have mean 0 and variance 1 in every channel, by area. Neither the paper
+    # nor its code does; without it all features point the same way and the soft map is uniform.
+    normalise: bool = True
     temperature: float = Field(0.07, gt=0)  # τ of the soft map, features of length 1
     resolvent_weight: float = Field(100.0, ge=0)  # λ of the functional map
     resolvent_gamma: float = Field(0.5, gt=0)  # γ of the resolvent mask
     block_rows: int = Field(1024, ge=1)  # rows of the soft map held at a time
+    # What carries Y to X once trained: nearest features, these projected on the eigenbasis, or the
+    # soft map, as printed, whose averages end inside the shape. The authors' code: projected for
+    # near-isometric shapes, features for others.
+    inference_map: InferenceMap = "projected"
 
 
 class SpectralLossWeights(Settings):

@@ -13,6 +13,8 @@ from ssm_pipeline.matching.sparse import SparseMatrix
 from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 
+COORDINATE_SCALE = 3.0  # as network input: they span about ±0.3 at unit area, the signature about 1
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -55,8 +57,7 @@ def to_shape(
 
     descriptors = wave_kernel_signature(basis.eigenvalues, basis.eigenvectors, settings.descriptors)
     if settings.features == "xyz+wks":
-        # Coordinates span about ±0.3 at unit area; the signature is about 1.
-        descriptors = np.concatenate([3 * basis.vertices, descriptors], axis=1)
+        descriptors = np.concatenate([COORDINATE_SCALE * basis.vertices, descriptors], axis=1)
     edges, weights = _weighted_edges(basis.stiffness)
     return Shape(
         case_id=basis.case_id,

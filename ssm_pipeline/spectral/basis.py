@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import robust_laplacian
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.geometry.topology import face_components
 from ssm_pipeline.records import CaseError, Mesh, SpectralBasis
 from ssm_pipeline.spectral.gradients import gradient_operators
 from ssm_pipeline.spectral.settings import SpectralSettings
@@ -18,15 +22,23 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings) -> SpectralBasis:
     """Centre a mesh, scale it to unit area, and compute what the networks read of it.
 
     Laplacian: cotangent weights of the intrinsic Delaunay triangulation (Sharp and Crane 2020),
-    so that no weight is negative. Raises CaseError where the mesh has too few vertices.
+    so that no weight is negative. Vertices without triangles weigh nothing and take the values of
+    the nearest vertex that has some. Raises CaseError where the mesh has too few vertices, no
+    area, or too many pieces for a spectrum.
     """
     count = settings.eigenpairs
-    if len(mesh.vertices) < 2 * count:
+    used = np.unique(mesh.faces)
+    if len(used) < 2 * count:
         raise CaseError(
             mesh.case_id,
-            f"the mesh has {len(mesh.vertices)} vertices; at least {2 * count} are needed for "
+            f"the mesh has {len(used)} vertices; at least {2 * count} are needed for "
             f"{count} eigenpairs. Ask for more faces (meshing.faces) or fewer spectral.eigenpairs.",
         )
+    _refuse_no_surface(mesh, count)
+    if len(used) < len(mesh.vertices):
+        rank = np.searchsorted(used, mesh.faces)
+        within = spectral_basis(Mesh(mesh.vertices[used], rank, mesh.case_id), settings)
+        return _with_unused_vertices(within, mesh, used)
     frame = Similarity(
         float(np.sqrt(surface.area(mesh.vertices, mesh.faces))),
         np.eye(3),
@@ -35,7 +47,14 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings) -> SpectralBasis:
     vertices = frame.inverse().apply(mesh.vertices)
     stiffness, mass_matrix = robust_laplacian.mesh_laplacian(vertices, mesh.faces)
     mass = mass_matrix.diagonal()
-    eigenvalues, eigenvectors = smallest_eigenpairs(stiffness, mass, count)
+    try:
+        eigenvalues, eigenvectors = smallest_eigenpairs(stiffness, mass, count)
+    except (ArpackError, RuntimeError) as error:  # RuntimeError: SuperLU's "singular"
+        raise CaseError(
+            mesh.case_id,
+            f"its {count} eigenpairs can't be found ({error}). Look for triangles without area, "
+            "or remesh it.",
+        ) from error
     gradient_x, gradient_y = gradient_operators(vertices, mesh.faces)
     return SpectralBasis(
         case_id=mesh.case_id,
@@ -48,6 +67,41 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings) -> SpectralBasis:
         gradient_x=gradient_x,
         gradient_y=gradient_y,
         frame=frame,
+    )
+
+
+def _refuse_no_surface(mesh: Mesh, count: int) -> None:
+    extent = np.ptp(mesh.vertices[mesh.faces.ravel()], axis=0).max()
+    if not surface.area(mesh.vertices, mesh.faces) > 1e-10 * extent**2:
+        raise CaseError(
+            mesh.case_id,
+            f"its {len(mesh.faces)} triangles have no area; a surface is needed. Look at the file.",
+        )
+    pieces = len(np.unique(face_components(mesh.faces)))
+    if 4 * pieces > count:  # each piece is one eigenvalue zero, and tells nothing
+        raise CaseError(
+            mesh.case_id,
+            f"the mesh falls into {pieces} pieces, too many for {count} eigenpairs; one surface is "
+            "needed. Merge vertices in the same place, or keep the largest piece.",
+        )
+
+
+def _with_unused_vertices(within: SpectralBasis, mesh: Mesh, used: np.ndarray) -> SpectralBasis:
+    """The basis of the vertices in use, laid out for all of the mesh's."""
+    count = len(mesh.vertices)
+    _, nearest = cKDTree(mesh.vertices[used]).query(mesh.vertices)
+    mass = np.zeros(count)
+    mass[used] = within.mass
+    place = sp.csr_matrix((np.ones(len(used)), (used, np.arange(len(used)))), (count, len(used)))
+    return dataclasses.replace(
+        within,
+        vertices=within.frame.inverse().apply(mesh.vertices),
+        faces=mesh.faces,
+        eigenvectors=within.eigenvectors[nearest],
+        mass=mass,
+        stiffness=(place @ within.stiffness @ place.T).tocsr(),
+        gradient_x=(place @ within.gradient_x @ place.T).tocsr(),
+        gradient_y=(place @ within.gradient_y @ place.T).tocsr(),
     )
 
 

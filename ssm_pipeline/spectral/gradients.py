@@ -16,6 +16,25 @@ def one_ring_edges(faces: np.ndarray) -> np.ndarray:
     return both[np.lexsort((both[:, 1], both[:, 0]))]
 
 
+def any_unit_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V, 3) unit normals; a vertex whose triangles cancel takes its neighbours', or the z axis.
+
+    Meshes of the literature have such vertices: a fold of no thickness, a flat sliver, a vertex
+    without triangles.
+    """
+    normals = vertex_normals(vertices, faces)
+    missing = ~(np.linalg.norm(normals, axis=1) > 0.5)
+    if missing.any():
+        start, end = one_ring_edges(faces).T
+        around = np.zeros_like(normals)
+        np.add.at(around, start, np.where(missing[end, None], 0, normals[end]))
+        length = np.linalg.norm(around, axis=1, keepdims=True)
+        found = np.divide(around, length, out=np.zeros_like(around), where=length > 1e-6)
+        found[length[:, 0] <= 1e-6] = [0.0, 0.0, 1.0]
+        normals[missing] = found[missing]
+    return normals
+
+
 def gradient_operators(
     vertices: np.ndarray, faces: np.ndarray, regularisation: float = 1e-5
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -26,7 +45,7 @@ def gradient_operators(
     form for all vertices at once. The frame's direction is arbitrary: what uses these operators
     must not depend on it. Source: Sharp et al. 2022, section 3.3; there solved vertex by vertex.
     """
-    normals = vertex_normals(vertices, faces)
+    normals = any_unit_normals(vertices, faces)
     # Any direction that is not along the normal gives a frame: the axis it is least along.
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
     frame_x = np.cross(normals, axis)
@@ -47,8 +66,12 @@ def gradient_operators(
     extra = regularisation * 0.5 * (xx + yy)
     xx, yy = xx + extra, yy + extra
     determinant = xx * yy - xy**2
-    weight_x = (yy[start] * x - xy[start] * y) / determinant[start]
-    weight_y = (xx[start] * y - xy[start] * x) / determinant[start]
+    # A ring of no extent (all its vertices in one place) has no gradient: zero, not infinite.
+    inverse = np.zeros(count)
+    np.divide(1, determinant, out=inverse, where=determinant > 1e-30 * (xx + yy) ** 2)
+    inverse[~np.isfinite(inverse)] = 0
+    weight_x = (yy[start] * x - xy[start] * y) * inverse[start]
+    weight_y = (xx[start] * y - xy[start] * x) * inverse[start]
 
     def operator(weights: np.ndarray) -> sp.csr_matrix:
         off_diagonal = sp.csr_matrix((weights, (start, end)), shape=(count, count))

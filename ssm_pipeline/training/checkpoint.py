@@ -15,8 +15,7 @@ class Checkpoint:
     """step: how many are done; the states as torch gives them; history: a row of losses a step."""
 
     step: int
-    feature_network: dict[str, Any]
-    interpolator: dict[str, Any]
+    networks: dict[str, Any]
     optimiser: dict[str, Any]
     history: list[dict[str, float]]
 

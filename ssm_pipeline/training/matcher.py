@@ -9,28 +9,28 @@ from typing import Any
 
 import torch
 
-from ssm_pipeline.interpolation.interpolator import Interpolator
-from ssm_pipeline.matching.diffusion_net import FeatureNetwork
+from ssm_pipeline.matching.hard_map import nearest_features, projected
+from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.matching.soft_map import soft_maps
 from ssm_pipeline.records import DamagedFile, SpectralBasis
 from ssm_pipeline.storage import written_whole
+from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 
 
 @dataclass(frozen=True)
 class Matcher:
-    """Feature network and interpolator, trained; `trained_on` names the cases they have seen."""
+    """The trained networks; `trained_on` names the cases they have seen."""
 
-    feature_network: FeatureNetwork
-    interpolator: Interpolator
+    networks: Networks
     settings: TrainingSettings
     seed: int
     trained_on: tuple[str, ...]
 
     @property
     def device(self) -> torch.device:
-        return next(self.feature_network.parameters()).device
+        return next(self.networks.parameters()).device
 
     def shape(self, basis: SpectralBasis) -> Shape:
         return to_shape(basis, self.settings.matching, self.device)
@@ -38,38 +38,47 @@ class Matcher:
     @torch.no_grad()
     def features(self, shape: Shape) -> torch.Tensor:
         """(V, channels), any length."""
-        return self.feature_network(shape)
+        return self.networks.features(shape)
+
+    def hard_map(self, shape_x: Shape, shape_y: Shape, projects: bool = True) -> torch.Tensor:
+        """x_to_y (n_x,): nearest features, projected on the eigenbasis if wanted."""
+        x_to_y = nearest_features(self.features(shape_x), self.features(shape_y))
+        return projected(x_to_y, shape_x, shape_y) if projects else x_to_y
 
     @torch.no_grad()
-    def carried(self, shape_x: Shape, shape_y: Shape) -> tuple[torch.Tensor, torch.Tensor]:
-        """Π_xy Y (n_x, 3) and Π_yx X (n_y, 3), unit area."""
-        return soft_maps(
+    def carried(
+        self, shape_x: Shape, shape_y: Shape, kind: InferenceMap | None = None
+    ) -> torch.Tensor:
+        """Y's coordinates carried to X by the inference map: (n_x, 3), unit area.
+
+        kind  instead of `settings.matching.inference_map`.
+        """
+        kind = kind or self.settings.matching.inference_map
+        if kind != "soft":
+            return shape_y.vertices[self.hard_map(shape_x, shape_y, kind == "projected")]
+        matching = self.settings.matching
+        on_x, _ = soft_maps(
             self.features(shape_x),
             self.features(shape_y),
             shape_x.vertices,
             shape_y.vertices,
-            self.settings.matching.temperature,
-            self.settings.matching.block_rows,
+            matching.temperature,
+            matching.block_rows,
         )
+        return on_x
 
     @torch.no_grad()
     def poses(self, shape: Shape, target: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
         """X(t) (T, V, 3), unit area, for a shape and the other's coordinates carried onto it."""
-        return self.interpolator(shape.vertices, target, times.to(target), shape.neighbours)
-
-
-def new_networks(settings: TrainingSettings, seed: int) -> tuple[FeatureNetwork, Interpolator]:
-    """Fresh weights, a function of the seed alone."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return FeatureNetwork(settings.matching), Interpolator(settings.interpolation)
+        return self.networks.interpolator(
+            shape.vertices, target, times.to(target), shape.neighbours
+        )
 
 
 def save_matcher(matcher: Matcher, path: Path) -> None:
     content = {
-        "format_version": 1,
-        "feature_network": matcher.feature_network.state_dict(),
-        "interpolator": matcher.interpolator.state_dict(),
+        "format_version": 2,
+        "networks": matcher.networks.state(),
         "settings": matcher.settings.model_dump_json(),
         "seed": matcher.seed,
         "trained_on": list(matcher.trained_on),
@@ -83,19 +92,12 @@ def load_matcher(path: Path, device: str = "cpu") -> Matcher:
     try:
         settings = TrainingSettings.model_validate_json(content["settings"])
         seed, trained_on = int(content["seed"]), tuple(content["trained_on"])
-        feature_network, interpolator = new_networks(settings, seed)
-        feature_network.load_state_dict(content["feature_network"])
-        interpolator.load_state_dict(content["interpolator"])
+        networks = Networks.new(settings, seed, device)
+        networks.load(content["networks"])
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         what = f"holds no matcher of this version ({str(error).splitlines()[0]})"
         raise DamagedFile(path, what) from error
-    return Matcher(
-        feature_network.to(device).eval(),
-        interpolator.to(device).eval(),
-        settings,
-        seed,
-        trained_on,
-    )
+    return Matcher(networks.eval(), settings, seed, trained_on)
 
 
 def save_tensors(content: dict[str, Any], path: Path) -> None:

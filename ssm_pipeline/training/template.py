@@ -31,14 +31,7 @@ def choose_template(matcher: Matcher, bases: Sequence[SpectralBasis]) -> tuple[s
     losses: list[list[float]] = [[] for _ in shapes]
     pairs = {tuple(sorted((i, (i + o) % count))) for i in range(count) for o in offsets}
     for x, y in sorted(pairs):
-        loss, _ = pair_loss(
-            shapes[x],
-            shapes[y],
-            matcher.feature_network,
-            matcher.interpolator,
-            0,
-            matcher.settings,
-        )
+        loss, _, _ = pair_loss(shapes[x], shapes[y], matcher.networks, 1, matcher.settings)
         losses[x].append(float(loss))
         losses[y].append(float(loss))
     means = [float(np.mean(row)) for row in losses]

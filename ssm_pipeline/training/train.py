@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -9,11 +10,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 
-from ssm_pipeline.matching.shape import to_shape
+from ssm_pipeline.matching.map_health import map_health
+from ssm_pipeline.matching.pair import MatchedPair
+from ssm_pipeline.matching.shape import COORDINATE_SCALE, Shape, to_shape
 from ssm_pipeline.records import SpectralBasis, StudyError
 from ssm_pipeline.training.checkpoint import Checkpoint
 from ssm_pipeline.training.loss import pair_loss
-from ssm_pipeline.training.matcher import Matcher, new_networks
+from ssm_pipeline.training.matcher import Matcher
+from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 
 
@@ -28,20 +32,18 @@ def train(
 ) -> Matcher:
     """Train on all unordered pairs, one a step, in an order that the seed and step decide.
 
-    Continues from `start`, to the same bits as a run that was never stopped. Raises StudyError
-    for fewer than two shapes or where the loss is no longer finite.
+    Continues from `start`, to the same bits as a run that was never stopped. `on_step` is given
+    the losses; every `watch_every` steps also map_extent, map_sharpness, mean_cosine and share_hit
+    (`MapHealth`). Raises StudyError for fewer than two shapes or where the loss is not finite.
     """
     if len(bases) < 2:
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
-    feature_network, interpolator = new_networks(settings, seed)
-    feature_network, interpolator = feature_network.to(device), interpolator.to(device)
-    parameters = [*feature_network.parameters(), *interpolator.parameters()]
-    optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate)
+    networks = Networks.new(settings, seed, device)
+    optimiser = torch.optim.Adam(networks.parameters(), lr=settings.learning_rate)
     history: list[dict[str, float]] = []
     if start is not None:
-        feature_network.load_state_dict(start.feature_network)
-        interpolator.load_state_dict(start.interpolator)
+        networks.load(start.networks)
         optimiser.load_state_dict(start.optimiser)
         history = list(start.history)
 
@@ -50,17 +52,14 @@ def train(
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(step, settings)
         optimiser.zero_grad(set_to_none=True)
-        total, terms = pair_loss(
-            shapes[x],
-            shapes[y],
-            feature_network,
-            interpolator,
-            settings.time_steps_at(step),
-            settings,
-        )
+        with torch.random.fork_rng(devices=[] if device == "cpu" else [device]):
+            # Dropout's draws, and the turns: of the seed and the step, so a resumed run has them.
+            torch.manual_seed(hash_of(seed, step))
+            shape_x, shape_y = (turned_input(shapes[index], settings) for index in (x, y))
+            intervals = settings.intervals_at(step)
+            total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
         total.backward()
-        norm = torch.nn.utils.clip_grad_norm_(parameters, settings.gradient_clip)
-        if not torch.isfinite(norm):
+        if not clip_gradients(networks, settings):
             raise StudyError(
                 f"the loss of {bases[x].case_id} and {bases[y].case_id} is not finite at step "
                 f"{step}; look at these two meshes, or lower training.learning_rate"
@@ -68,25 +67,60 @@ def train(
         optimiser.step()
         losses = {"total": float(total.detach())}
         losses |= {name: float(term.detach()) for name, term in terms.items()}
+        if step % settings.watch_every == 0 or step == settings.steps - 1:
+            losses |= _watched(pair)
         history.append(losses)
         on_step(step + 1, losses)
         if (step + 1) % settings.checkpoint_every == 0:
             on_checkpoint(
-                Checkpoint(
-                    step + 1,
-                    feature_network.state_dict(),
-                    interpolator.state_dict(),
-                    optimiser.state_dict(),
-                    history,
-                )
+                Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history)
             )
-    return Matcher(
-        feature_network.eval(),
-        interpolator.eval(),
-        settings,
-        seed,
-        tuple(basis.case_id for basis in bases),
+    return Matcher(networks.eval(), settings, seed, tuple(basis.case_id for basis in bases))
+
+
+def turned_input(shape: Shape, settings: TrainingSettings) -> Shape:
+    """The shape with its input coordinates turned and shifted at random; operators as they are."""
+    has_coordinates = settings.matching.features == "xyz+wks"
+    if not has_coordinates or (settings.turn_deg == 0 and settings.jitter == 0):
+        return shape
+    axis = torch.nn.functional.normalize(torch.randn(3), dim=0)
+    angle = math.radians(settings.turn_deg) * torch.rand(1)
+    cross = torch.zeros(3, 3)
+    cross[[2, 0, 1], [1, 2, 0]], cross[[1, 2, 0], [2, 0, 1]] = axis, -axis
+    rotation = torch.linalg.matrix_exp(angle * cross).to(shape.inputs)
+    shift = (COORDINATE_SCALE * settings.jitter * torch.randn(3)).to(shape.inputs)
+    inputs = torch.cat([shape.inputs[:, :3] @ rotation.T + shift, shape.inputs[:, 3:]], dim=1)
+    return dataclasses.replace(shape, inputs=inputs)
+
+
+def hash_of(seed: int, step: int) -> int:
+    """One number of both, for torch's generator."""
+    return int(np.random.default_rng([seed, step]).integers(2**63 - 1))
+
+
+def clip_gradients(networks: Networks, settings: TrainingSettings) -> bool:
+    """Limit the gradient's norm; False where it is not finite."""
+    parts = networks.both() if settings.clip_each_network else (networks,)
+    norms = [
+        torch.nn.utils.clip_grad_norm_(part.parameters(), settings.gradient_clip) for part in parts
+    ]
+    return all(bool(torch.isfinite(norm)) for norm in norms)
+
+
+def _watched(pair: MatchedPair) -> dict[str, float]:
+    health = map_health(
+        pair.shape_x,
+        pair.shape_y,
+        pair.features_x,
+        pair.features_y,
+        pair.settings.temperature,
     )
+    return {
+        "map_extent": health.extent,
+        "map_sharpness": health.sharpness,
+        "mean_cosine": health.mean_cosine,
+        "share_hit": health.share_hit,
+    }
 
 
 def pair_at(step: int, count: int, seed: int) -> tuple[int, int]:

@@ -73,7 +73,8 @@ def test_the_last_steps_never_raise_the_objective(pair):
 def test_adapting_brings_the_surface_onto_the_case(pair):
     x, y = pair
     settings = AdaptationSettings(samples=8000)
-    moved = x.vertices + adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings)
+    offsets = adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings, seed=0)
+    moved = x.vertices + offsets
     before = closest_points(x.vertices, y.vertices, y.faces).distances.mean()
     after = closest_points(moved, y.vertices, y.faces).distances.mean()
     # What is left: chords of a mesh of 300 vertices, and the samples' spacing of about 0.006.
@@ -83,7 +84,7 @@ def test_adapting_brings_the_surface_onto_the_case(pair):
 def test_a_shape_on_itself_stays(pair):
     x, _ = pair
     settings = AdaptationSettings(samples=8000, steps=3)
-    offsets = adapt(x.vertices, x.faces, x.stiffness, x.vertices, x.faces, settings)
+    offsets = adapt(x.vertices, x.faces, x.stiffness, x.vertices, x.faces, settings, seed=0)
     # Two different samples of one surface: it may breathe by a fraction of the sample spacing.
     assert np.linalg.norm(offsets, axis=1).mean() < 0.5 * np.sqrt(1 / 8000)
 
@@ -91,7 +92,7 @@ def test_a_shape_on_itself_stays(pair):
 def test_a_stiff_shape_only_translates(pair):
     x, y = pair
     settings = AdaptationSettings(samples=2000, stiffness=1e3)
-    offsets = adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings)
+    offsets = adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings, seed=0)
     assert np.ptp(offsets, axis=0).max() < 1e-3
 
 

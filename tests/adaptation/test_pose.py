@@ -5,7 +5,8 @@ from shapes import basis_of, blob
 from ssm_pipeline.adaptation.pose import pose_path
 from ssm_pipeline.interpolation.settings import InterpolationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
-from ssm_pipeline.training.matcher import Matcher, new_networks
+from ssm_pipeline.training.matcher import Matcher
+from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 
 
@@ -15,7 +16,7 @@ def matcher():
         matching=MatchingSettings(descriptors=16, channels=16, width=16, blocks=1),
         interpolation=InterpolationSettings(width=16, blocks=1),
     )
-    return Matcher(*new_networks(settings, 0), settings, 0, ())
+    return Matcher(Networks.new(settings, 0), settings, 0, ())
 
 
 def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher):
@@ -36,5 +37,6 @@ def test_displacements_are_carried_from_a_coarser_template(matcher):
     moved = posed - fine.vertices
     assert posed.shape == fine.vertices.shape
     # A carried displacement is a mean of the coarse ones around it: it stays within their range.
-    assert (moved.min(axis=0) >= expected.min(axis=0) - 1e-6).all()
-    assert (moved.max(axis=0) <= expected.max(axis=0) + 1e-6).all()
+    # The map is found on the fine mesh, so what the interpolator is given differs by up to an edge.
+    assert (moved.min(axis=0) >= expected.min(axis=0) - 0.03).all()
+    assert (moved.max(axis=0) <= expected.max(axis=0) + 0.03).all()

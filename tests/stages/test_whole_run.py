@@ -154,9 +154,9 @@ def test_training_goes_on_from_its_checkpoint_to_the_same_bits(
         torch.load(folder / "training" / "matcher.pt", weights_only=True)
         for folder in (tiny_run, copy)
     )
-    for network in ("feature_network", "interpolator"):
-        for name, weights in first[network].items():
-            assert torch.equal(weights, second[network][name]), name
+    for network, weights_by_name in first["networks"].items():
+        for name, weights in weights_by_name.items():
+            assert torch.equal(weights, second["networks"][network][name]), name
     assert (copy / "training" / "losses.csv").read_text() == (
         tiny_run / "training" / "losses.csv"
     ).read_text()

@@ -7,17 +7,19 @@ from ssm_pipeline.adaptation.path import shape_path
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.interpolation.settings import InterpolationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.matching.shape import to_shape
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
 from ssm_pipeline.training.loss import pair_loss
-from ssm_pipeline.training.matcher import load_matcher, new_networks, save_matcher
+from ssm_pipeline.training.matcher import load_matcher, save_matcher
+from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.template import choose_template
-from ssm_pipeline.training.train import learning_rate_at, pair_at, train
+from ssm_pipeline.training.train import clip_gradients, learning_rate_at, pair_at, train, turned_input
 
 SETTINGS = TrainingSettings(
     steps=8,
-    time_steps=(0, 2),
+    time_steps=(1, 2),
     time_step_shares=(0.5, 0.5),
     checkpoint_every=3,
     matching=MatchingSettings(descriptors=16, channels=16, width=16, blocks=1),
@@ -36,13 +38,13 @@ def matcher(bases):
 
 
 def weights_of(matcher):
-    return torch.cat([p.flatten() for p in matcher.feature_network.parameters()])
+    return torch.cat([p.flatten() for p in matcher.networks.features.parameters()])
 
 
 def test_the_loss_goes_down(bases):
     losses = []
     longer = SETTINGS.model_copy(
-        update={"steps": 60, "time_steps": (0,), "time_step_shares": (1.0,)}
+        update={"steps": 60, "time_steps": (1,), "time_step_shares": (1.0,)}
     )
     train(bases, longer, seed=0, on_step=lambda step, terms: losses.append(terms["total"]))
     assert sum(losses[-6:]) < 0.7 * sum(losses[:6])
@@ -85,18 +87,18 @@ def test_an_epoch_shows_every_pair_once():
 
 
 def test_schedules():
-    assert [SETTINGS.time_steps_at(s) for s in (0, 3, 4, 7)] == [0, 0, 2, 2]
+    assert [SETTINGS.intervals_at(s) for s in (0, 3, 4, 7)] == [1, 1, 2, 2]
     assert learning_rate_at(0, SETTINGS) == pytest.approx(1e-3)
     assert learning_rate_at(8, SETTINGS) == pytest.approx(1e-4)
     with pytest.raises(ValueError, match=r"add up to 0\.5"):
-        TrainingSettings(time_steps=(0,), time_step_shares=(0.5,))
+        TrainingSettings(time_steps=(1,), time_step_shares=(0.5,))
 
 
 def test_the_loss_of_a_pair_is_symmetric(bases, matcher):
-    networks = new_networks(SETTINGS, 0)
+    networks = Networks.new(SETTINGS, 0)
     x, y = matcher.shape(bases[0]), matcher.shape(bases[1])
-    forward, _ = pair_loss(x, y, *networks, 2, SETTINGS)
-    backward, _ = pair_loss(y, x, *networks, 2, SETTINGS)
+    forward, _, _ = pair_loss(x, y, networks, 2, SETTINGS)
+    backward, _, _ = pair_loss(y, x, networks, 2, SETTINGS)
     torch.testing.assert_close(forward, backward, rtol=1e-3, atol=1e-3)
 
 
@@ -104,12 +106,14 @@ def test_without_the_spatial_loss_only_the_features_learn(bases):
     settings = SETTINGS.spectral_only()
     rows: list[dict[str, float]] = []
     trained = train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
-    features, interpolator = new_networks(settings, 5)
-    assert set(rows[-1]) == {"total", "bijectivity", "orthogonality", "coupling"}
-    before, after = (list(net.parameters()) for net in (interpolator, trained.interpolator))
-    assert all(torch.equal(a, b) for a, b in zip(before, after, strict=True))
-    before, after = (list(net.parameters()) for net in (features, trained.feature_network))
-    assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))
+    fresh = Networks.new(settings, 5)
+    assert set(rows[-2]) == {"total", "bijectivity", "orthogonality", "coupling"}
+    pairs = zip(fresh.both(), trained.networks.both(), strict=True)
+    features, interpolator = (
+        list(zip(before.parameters(), after.parameters(), strict=True)) for before, after in pairs
+    )
+    assert all(torch.equal(before, after) for before, after in interpolator)
+    assert not any(torch.equal(before, after) for before, after in features[:-1])  # not the bias
 
 
 def test_one_shape_is_too_few(bases):
@@ -136,3 +140,72 @@ def test_path_runs_from_template_to_case_in_millimetres(bases, matcher):
     assert abs(halfway - 0.5 * (path.at(0.25, 0) + path.at(0.25, 1))).max() < 1e-9
     with pytest.raises(ValueError, match=r"must lie in \[0, 1\]"):
         path.at(1.2)
+
+
+def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path):
+    settings = SETTINGS.model_copy(
+        update={
+            "turn_deg": 30.0,
+            "jitter": 0.05,
+            "matching": SETTINGS.matching.model_copy(
+                update={"dropout": 0.5, "features": "xyz+wks"}
+            ),
+        }
+    )
+    whole = train(
+        bases,
+        settings,
+        seed=5,
+        on_checkpoint=lambda c: save_checkpoint(c, tmp_path / f"{c.step}.pt"),
+    )
+    torch.manual_seed(99)  # what lies in torch's own generator does not matter
+    resumed = train(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
+    assert torch.equal(weights_of(whole), weights_of(resumed))
+    assert not torch.equal(weights_of(whole), weights_of(train(bases, settings, seed=6)))
+
+
+def test_turned_coordinates_are_a_rotation_and_leave_the_rest():
+    settings = SETTINGS.model_copy(
+        update={
+            "turn_deg": 40.0,
+            "matching": SETTINGS.matching.model_copy(update={"features": "xyz+wks"}),
+        }
+    )
+    shape = to_shape(basis_of(blob(1)), settings.matching)
+    turned = turned_input(shape, settings)
+    assert torch.equal(shape.inputs[:, 3:], turned.inputs[:, 3:])
+    assert torch.equal(shape.vertices, turned.vertices)
+    before, after = shape.inputs[:, :3], turned.inputs[:, :3]
+    torch.testing.assert_close(before @ before.T, after @ after.T, rtol=1e-4, atol=1e-5)
+    assert (before - after).abs().max() > 1e-3
+
+
+def test_the_map_is_watched_now_and_then(bases):
+    rows: list[dict[str, float]] = []
+    settings = SETTINGS.model_copy(update={"watch_every": 4})
+    train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
+    watched = [step for step, row in enumerate(rows) if "map_extent" in row]
+    assert watched == [0, 4, 7]
+    assert 0 < rows[0]["share_hit"] <= 1
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_gradients_are_clipped_network_by_network_or_together(alone):
+    networks = Networks.new(SETTINGS, 0)
+    for factor, network in zip((10.0, 0.001), networks.both(), strict=True):
+        for parameter in network.parameters():
+            parameter.grad = torch.full_like(parameter, factor)
+    settings = SETTINGS.model_copy(update={"clip_each_network": alone, "gradient_clip": 1.0})
+    small = [parameter.grad.clone() for parameter in networks.interpolator.parameters()]
+    assert clip_gradients(networks, settings)
+    norms = [
+        torch.cat([p.grad.flatten() for p in network.parameters()]).norm()
+        for network in networks.both()
+    ]
+    if alone:
+        assert norms[0] == pytest.approx(1.0, rel=1e-4)
+        kept = zip(small, networks.interpolator.parameters(), strict=True)
+        assert all(torch.equal(before, after.grad) for before, after in kept)
+    else:
+        assert float(norms[0] ** 2 + norms[1] ** 2) == pytest.approx(1.0, rel=1e-4)
+        assert norms[1] < 1e-3
