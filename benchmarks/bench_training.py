@@ -1,6 +1,6 @@
 """One training step: the project's against a plain reading of the same equations.
 
-    python benchmarks/bench_training.py [--vertices 1000] [--eigenpairs 200] [--plain-times 0 2]
+    python benchmarks/bench_training.py [--vertices 1000] [--eigenpairs 200] [--plain-times 1 3]
 
 The plain step keeps the dense soft maps for autograd, inverts one system a row of the functional
 map, concatenates edge features and takes the SVD of every rotation. Both start from the same
@@ -28,7 +28,7 @@ from ssm_pipeline.records import Mesh
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.training.loss import pair_loss
-from ssm_pipeline.training.matcher import new_networks
+from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 
 
@@ -36,8 +36,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--vertices", type=int, default=1000)
     parser.add_argument("--eigenpairs", type=int, default=200)
-    parser.add_argument("--time-steps", type=int, nargs="*", default=[0, 2, 6])
-    parser.add_argument("--plain-times", type=int, nargs="*", default=[0, 2])
+    parser.add_argument("--time-steps", type=int, nargs="*", default=[1, 3, 7])
+    parser.add_argument("--plain-times", type=int, nargs="*", default=[1, 3])
     parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
     keep_large_blocks()
@@ -52,18 +52,18 @@ def main() -> None:
         )
         for seed in (1, 2)
     )
-    networks = [network.to(arguments.device) for network in new_networks(settings, 0)]
+    networks = Networks.new(settings, 0, arguments.device)
     print(
         f"{len(x.vertices)} and {len(y.vertices)} vertices, k = {arguments.eigenpairs}, "
         f"{arguments.device}, {torch.get_num_threads()} threads"
     )
     for T in arguments.time_steps:
-        loss, seconds = timed(lambda T=T: pair_loss(x, y, *networks, T, settings)[0], networks)
+        loss, seconds = timed(lambda T=T: pair_loss(x, y, networks, T, settings)[0], networks)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         line = f"T = {T}: {seconds:.2f} s, loss {loss:.4f}, process peak {peak:.2f} GB"
         if T in arguments.plain_times:
             plain, plain_seconds = timed(
-                lambda T=T: plain_loss(x, y, *networks, T, settings), networks
+                lambda T=T: plain_loss(x, y, networks, T, settings), networks
             )
             line += (
                 f"; plain {plain_seconds:.2f} s, loss {plain:.4f}; "
@@ -87,11 +87,11 @@ def solid(seed: int, vertices: int) -> Mesh:
 
 
 def timed(
-    loss_of: Callable[[], torch.Tensor], networks: list[torch.nn.Module]
+    loss_of: Callable[[], torch.Tensor], networks: Networks
 ) -> tuple[float, float]:
     """The loss, and the seconds of the second of two forward and backward passes."""
     for _ in range(2):
-        for network in networks:
+        for network in networks.both():
             network.zero_grad(set_to_none=True)
         start = time.perf_counter()
         loss = loss_of()
@@ -105,12 +105,11 @@ def timed(
 def plain_loss(
     x: Shape,
     y: Shape,
-    feature_network: torch.nn.Module,
-    interpolator: Interpolator,
+    networks: Networks,
     T: int,
     settings: TrainingSettings,
 ) -> torch.Tensor:
-    F_x, F_y = feature_network(x), feature_network(y)
+    F_x, F_y = networks.features(x), networks.features(y)
     N_x, N_y = (torch.nn.functional.normalize(F, dim=1) for F in (F_x, F_y))
     Pi_xy = (N_x @ N_y.T / settings.matching.temperature).softmax(dim=1)
     Pi_yx = (N_y @ N_x.T / settings.matching.temperature).softmax(dim=1)
@@ -120,20 +119,22 @@ def plain_loss(
     loss = loss + (C_xy.T @ C_xy - one).square().sum() + (C_yx.T @ C_yx - one).square().sum()
     loss = loss + (C_xy - y.projection @ (Pi_yx @ x.eigenvectors)).square().sum()
     loss = loss + (C_yx - x.projection @ (Pi_xy @ y.eigenvectors)).square().sum()
-    times = [k / max(T, 1) for k in range(max(T, 1) + 1)]
-    X = [plain_pose(x, Pi_xy @ y.vertices, t, interpolator) for t in times]
-    Y = [plain_pose(y, Pi_yx @ x.vertices, t, interpolator) for t in times]
+    times = [k / T for k in range(T + 1)]
+    X = [plain_pose(x, Pi_xy @ y.vertices, t, networks.interpolator) for t in times]
+    Y = [plain_pose(y, Pi_yx @ x.vertices, t, networks.interpolator) for t in times]
     weights = settings.spatial_loss
     for shape, A, B, Pi, other in ((x, X, Y, Pi_xy, y), (y, Y, X, Pi_yx, x)):
-        loss = loss + weights.align * (A[-1] - Pi @ other.vertices).square().sum()
-        if T == 0:
-            continue
-        for before, after in itertools.pairwise(A):
-            loss = loss + weights.arap * plain_arap(shape, before, after)
+        by_area = weights.vertices * shape.mass
         gaps = torch.stack([(A[k] - Pi @ B[T - k]).square().sum(1) for k in range(T + 1)])
-        loss = loss + weights.symmetry * gaps[1:T].sum()
-        distances = (gaps + 1e-12).sqrt()
-        loss = loss + weights.variance * distances.var(dim=0, unbiased=False).sum()
+        loss = loss + weights.align * (gaps[0] @ by_area)
+        for before, after in itertools.pairwise(A):
+            loss = loss + weights.arap * 3**0.5 * plain_arap(shape, before, after)
+        loss = loss + weights.symmetry * (gaps[1:T] @ by_area).sum()
+        if T > 1:
+            distances = (gaps[1:] + 1e-12).sqrt()
+            loss = loss + weights.variance * (distances.var(dim=0) @ by_area)
+        carried = Pi @ other.vertices
+        loss = loss + weights.dirichlet * (carried * (shape.stiffness @ carried)).sum()
     return loss
 
 

@@ -30,8 +30,10 @@ def corresponded_shapes(
 
     full                the study's own: network, adaptation, groupwise rounds
     without groupwise   network and adaptation, template → case: the paper's method
-    without adaptation  the network's poses alone
-    spectral only       the soft map of features trained on the spectral loss alone
+    without adaptation  the map of the jointly trained features: the paper's row
+    pose                the network's poses X(1)
+    projected features  nearest features, projected on the eigenbasis; `features`: as they are
+    spectral only       the same map, of features trained on the spectral loss alone
     adaptation only     rigid alignment and adaptation, no network; `, groupwise`: and the rounds
     nearest point       rigid alignment alone
     S3M                 the baseline, with its published settings; `tuned`: with its tuned ones
@@ -75,7 +77,8 @@ def matched_shapes(
     """
     from ssm_pipeline.shape_model.correspondence import collect
 
-    rests_on = (method, template.case_id, context.settings.adaptation, *matcher_rests_on)
+    adaptation = context.settings.adaptation
+    rests_on = (method, template.case_id, adaptation, context.seed, *matcher_rests_on)
     matches = all_matched(
         context,
         [
@@ -87,9 +90,10 @@ def matched_shapes(
                     context.case_file("spectral", template.case_id, "basis.npz"),
                     context.case_file("spectral", case_id, "basis.npz"),
                     matcher,
-                    context.settings.adaptation,
+                    adaptation,
                     method,
                     False,
+                    context.seed,
                 ),
             )
             for case_id in context.case_keys

@@ -28,7 +28,8 @@ def match_cases(context: Context) -> Outcome:
     others = [case_id for case_id in context.case_keys if case_id != template_id]
     count = min(context.settings.report.paths, len(others))
     with_path = {others[index * len(others) // count] for index in range(count)}
-    rests_on = [context.done["training"].key, context.case_keys[template_id], settings]
+    trained, own = context.done["training"].key, context.case_keys[template_id]
+    rests_on = [trained, own, settings, context.seed]
     results = context.map_cases(
         [
             CaseTask(
@@ -42,6 +43,7 @@ def match_cases(context: Context) -> Outcome:
                     settings,
                     "full",
                     case_id in with_path,
+                    context.seed,
                 ),
             )
             for case_id in context.case_keys
@@ -58,6 +60,7 @@ def correspond_case(
     settings: AdaptationSettings,
     method: PairMethod,
     with_path: bool,
+    seed: int,
     folder: Path,
 ) -> Row:
     """correspondence.npz, and path.npz where one is wanted."""
@@ -74,10 +77,10 @@ def correspond_case(
             storage.load(SpectralBasis, template_path.with_name("training_basis.npz")),
             storage.load(SpectralBasis, case_path.with_name("training_basis.npz")),
         )
-    match: Correspondence = correspond(template, case, matcher, settings, method, coarse)
+    match: Correspondence = correspond(template, case, matcher, settings, method, coarse, seed)
     storage.save(match, folder / "correspondence.npz")
     if with_path and matcher is not None:
-        path = shape_path(template, case, matcher, settings, coarse)
+        path = shape_path(template, case, matcher, settings, coarse, seed)
         storage.save(path, folder / "path.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}
 

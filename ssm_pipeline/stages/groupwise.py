@@ -46,13 +46,14 @@ def after_rounds(
         tasks = [
             CaseTask(
                 case_id,
-                context.case_key(case_id, key_of_arrays(start), settings),
+                context.case_key(case_id, key_of_arrays(start), settings, context.seed),
                 partial(
                     readapt_case,
                     start,
                     template,
                     context.case_file("spectral", case_id, "basis.npz"),
                     settings,
+                    context.seed,
                 ),
             )
             for case_id, start in starts.items()
@@ -67,6 +68,7 @@ def readapt_case(
     template_path: Path,
     case_path: Path,
     settings: AdaptationSettings,
+    seed: int,
     folder: Path,
 ) -> Row:
     """correspondence.npz of a shape on the template's faces, laid on the case: (V, 3) mm."""
@@ -74,6 +76,6 @@ def readapt_case(
 
     template = storage.load(SpectralBasis, template_path)
     case = storage.load(SpectralBasis, case_path)
-    match = correspond_again(start, template, case, settings)
+    match = correspond_again(start, template, case, settings, seed)
     storage.save(match, folder / "correspondence.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}

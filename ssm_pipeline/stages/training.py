@@ -12,6 +12,7 @@ from ssm_pipeline.stages.resumable_training import forget_checkpoint, train_resu
 
 def train_matcher(context: Context) -> Outcome:
     """matcher.pt, losses.csv (a row a step) and template_losses.csv (a row a case)."""
+    from ssm_pipeline.matching.map_health import COLLAPSED_EXTENT
     from ssm_pipeline.training.matcher import save_matcher
     from ssm_pipeline.training.template import choose_template
 
@@ -34,5 +35,13 @@ def train_matcher(context: Context) -> Outcome:
     with storage.written_whole(folder / "template_losses.csv") as temporary:
         template_losses.to_csv(temporary, index=False)
     forget_checkpoint(folder, context.key)
-    last = pd.DataFrame(rows[-100:])["total"].mean()
-    return Outcome(context.case_keys, note=f"{settings.steps} steps, loss {last:.3g}")
+    table = pd.DataFrame(rows)
+    extent = table["map_extent"].dropna().iloc[-1]
+    if extent < COLLAPSED_EXTENT:
+        context.terminal.say(
+            f"      the map has collapsed: it carries every point towards the middle of the other "
+            f"shape ({100 * extent:.0f} % of its extent). What follows rests on it. Train longer "
+            "(training.steps), or compare with the method adaptation only."
+        )
+    note = f"{settings.steps} steps, loss {table['total'].tail(100).mean():.3g}"
+    return Outcome(context.case_keys, note=f"{note}, map extent {100 * extent:.0f} %")

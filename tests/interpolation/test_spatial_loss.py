@@ -11,7 +11,6 @@ from ssm_pipeline.interpolation.spatial_loss import spatial_loss
 from ssm_pipeline.matching.pair import match_pair
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
-from ssm_pipeline.matching.pair import match_pair
 
 SETTINGS = MatchingSettings(descriptors=8)
 OURS = SpatialLossSettings(align=2, arap=11, symmetry=3, variance=5, dirichlet=7)

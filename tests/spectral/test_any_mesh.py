@@ -55,7 +55,7 @@ def test_odd_meshes_have_operators_and_nearly_the_spectrum_of_the_sphere(mesh: M
     basis = basis_of(mesh, 20)  # refuses what is not finite
     gap = np.sort(basis.eigenvalues)[3:5]
     assert (gap > 1).all(), "more than pieces and the fold's tip have become zero"
-    assert np.isfinite((basis.gradient_x @ basis.eigenvectors)).all()
+    assert np.isfinite(basis.gradient_x @ basis.eigenvectors).all()
 
 
 def test_a_fold_has_no_normal_and_is_given_its_neighbours():
@@ -111,7 +111,6 @@ def test_damaged_spheres_are_finite_or_refused(seed, kept, doubled, moved, shift
     vertices[onto[0]] = vertices[onto[1]]
     try:
         basis = basis_of(Mesh(vertices, faces, "damaged"), 12)
-    except CaseError as error:
-        assert error.case_id == "damaged"
-    else:
-        assert np.isfinite(basis.gradient_y @ basis.eigenvectors).all()
+    except CaseError:
+        return
+    assert np.isfinite(basis.gradient_y @ basis.eigenvectors).all()

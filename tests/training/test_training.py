@@ -15,7 +15,13 @@ from ssm_pipeline.training.matcher import load_matcher, save_matcher
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.template import choose_template
-from ssm_pipeline.training.train import clip_gradients, learning_rate_at, pair_at, train, turned_input
+from ssm_pipeline.training.train import (
+    clip_gradients,
+    learning_rate_at,
+    pair_at,
+    train,
+    turned_input,
+)
 
 SETTINGS = TrainingSettings(
     steps=8,
