@@ -104,14 +104,15 @@ def read_study(path: Path) -> object:
 
 
 def write_matcher(folder: Path) -> Path:
-    from ssm_pipeline.training.matcher import Matcher, new_networks, save_matcher
+    from ssm_pipeline.training.matcher import Matcher, save_matcher
+    from ssm_pipeline.training.networks import Networks
     from ssm_pipeline.training.settings import TrainingSettings
 
     small = {"channels": 8, "width": 8, "blocks": 1, "descriptors": 8}
     settings = TrainingSettings.model_validate(
         {"matching": small, "interpolation": {"width": 8, "blocks": 1}}
     )
-    save_matcher(Matcher(*new_networks(settings, 0), settings, 0, ("a", "b")), folder / "m.pt")
+    save_matcher(Matcher(Networks.new(settings, 0), settings, 0, ("a", "b")), folder / "m.pt")
     return folder / "m.pt"
 
 
@@ -127,7 +128,7 @@ def write_checkpoint(folder: Path) -> Path:
     from ssm_pipeline.training.checkpoint import Checkpoint, save_checkpoint
     from ssm_pipeline.training.matcher import load_tensors
 
-    weights = load_tensors(write_matcher(folder))["feature_network"]
+    weights = load_tensors(write_matcher(folder))["networks"]
     adam = torch.optim.Adam([torch.nn.Parameter(torch.zeros(3))]).state_dict()
     save_checkpoint(Checkpoint(2, weights, {}, adam, [{"total": 1.0}]), folder / "c.pt")
     return folder / "c.pt"
