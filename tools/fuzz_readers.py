@@ -130,7 +130,7 @@ def write_checkpoint(folder: Path) -> Path:
 
     weights = load_tensors(write_matcher(folder))["networks"]
     adam = torch.optim.Adam([torch.nn.Parameter(torch.zeros(3))]).state_dict()
-    save_checkpoint(Checkpoint(2, weights, {}, adam, [{"total": 1.0}]), folder / "c.pt")
+    save_checkpoint(Checkpoint(2, weights, adam, [{"total": 1.0}]), folder / "c.pt")
     return folder / "c.pt"
 
 
