@@ -17,7 +17,7 @@ class PhantomSettings(Settings):
     family: Family = "lung"
     cases: int = Field(12, ge=2)  # scans
     modes: int | None = Field(None, ge=1)  # ways to vary, standard normal; None: all (smooth: 5)
-    seed: int = 0
+    seed: int = Field(0, ge=0, lt=2**32)  # of modes, scores and poses
     spacing_mm: tuple[float, float, float] | None = None  # mm, x, y, z; None: each its own
     max_rotation_deg: float = Field(0.0, ge=0, le=180)  # degrees; evenly of all turns up to this
     translation_mm: float = Field(5.0, ge=0)  # mm, standard deviation along each axis

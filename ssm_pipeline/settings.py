@@ -8,4 +8,7 @@ from pydantic import BaseModel, ConfigDict
 class Settings(BaseModel):
     """A stage's settings. Each field states its default and unit on its line."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # A case id may look like a number: `template: 12`. No setting means anything at infinity.
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", coerce_numbers_to_str=True, allow_inf_nan=False
+    )

@@ -75,7 +75,7 @@ def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Pa
     assert Path(shown["data"]["folder"]) == sphere_masks
     checked = workflow("check", "balls")
     assert checked.code == 0, checked.stdout + checked.stderr
-    assert "3 of 3 can be read" in checked.stdout
+    assert "4 of 4 can be read" in checked.stdout
     again = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     assert again.code == 1
     assert "exists" in again.stderr
@@ -135,14 +135,14 @@ def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_ma
 
 @pytest.fixture
 def sphere_masks(tmp_path: Path) -> Path:
-    """Three label images with a ball of label 3."""
+    """Four label images with a ball of label 3."""
     import numpy as np
     import SimpleITK as sitk
 
     folder = tmp_path / "masks"
     folder.mkdir()
     z, y, x = np.indices((40, 40, 40)) - 20
-    for index in range(3):
+    for index in range(4):
         ball = (x**2 + y**2 + z**2 < (10 + index) ** 2).astype(np.uint8) * 3
         sitk.WriteImage(sitk.GetImageFromArray(ball), str(folder / f"ball_{index}.nii.gz"))
     return folder

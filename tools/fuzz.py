@@ -152,11 +152,14 @@ def _watch(
     longest_s: float,
 ) -> int:
     """Collect a batch's results. Returns the number to go on with."""
-    current, patience = batch.start, 120.0  # the first message waits for the imports
+    current, patience, used = batch.start, 120.0, 0.0  # the first message waits for the imports
     try:
-        while results.poll(patience):
+        # On a busy machine 10 s may pass without work: the process's own seconds count.
+        while results.poll(patience) or _seconds_of(child) - used < longest_s:
+            if not results.poll():
+                continue
             number, what = results.recv()
-            current, patience = number, longest_s
+            current, patience, used = number, longest_s, _seconds_of(child)
             if what == "read":
                 verdict.read += 1
             elif what == "refused":
@@ -176,6 +179,15 @@ def _watch(
         raise RuntimeError(f"{verdict.reader}: the good file can't be read ({what})")
     verdict.bad.append((current, what))
     return current + 1
+
+
+def _seconds_of(child: multiprocessing.context.SpawnProcess) -> float:
+    """Of a core, used by a process so far; endless where it has ended."""
+    try:
+        fields = Path(f"/proc/{child.pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return float("inf")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def keep(reader: Reader, verdict: Verdict, seed: int, folder: Path) -> None:

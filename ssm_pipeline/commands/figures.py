@@ -9,7 +9,7 @@ from pathlib import Path
 from ssm_pipeline.report.settings import FigureSettings
 from ssm_pipeline.stages.report import report_content
 from ssm_pipeline.stages.run import load_run
-from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_change
+from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes
 
 
 def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str]) -> list[Path]:
@@ -22,7 +22,7 @@ def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str
     written: list[Path] = []
     for format in formats:
         wanted = [*changes, f"format={format.strip()}"]
-        settings = functools.reduce(merge, map(parse_change, wanted), stored)
+        settings = functools.reduce(merge, parse_changes(wanted), stored)
         checked_settings = checked_as(FigureSettings, settings, run_folder / "study.yaml")
         written += write_figures(content, run_folder / "figures", checked_settings)
     return written

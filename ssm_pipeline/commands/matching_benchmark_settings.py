@@ -16,7 +16,7 @@ from ssm_pipeline.methods import PairMethod
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.spectral.settings import SpectralSettings
-from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_change, read_yaml
+from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes, read_yaml
 from ssm_pipeline.training.settings import TrainingSettings
 
 BUILT_IN = ("articulated", "articulated-shapes")  # each with a preset of its name
@@ -81,7 +81,7 @@ def read_preset(
     path = Path(name) if name.endswith((".yaml", ".yml")) else _presets().get(name)
     if path is None or not path.is_file():
         raise StudyError(f"there is no preset {name}; known: {', '.join(_presets())}.")
-    over = [*map(parse_change, changes), options or {}]
+    over = [*parse_changes(changes), options or {}]
     content = functools.reduce(merge, over, read_yaml(path))
     return checked_as(MatchingBenchmarkSettings, content, path)
 

@@ -88,6 +88,7 @@ def _bring_up_to_date(
 ) -> None:
     start = time.perf_counter()
     cohort, file_keys = without_withdrawn(job.find_cohort(run_folder), run_folder, terminal)
+    _refuse_hopeless(file_keys, cohort.dropped)
     job.check_cohort(cohort)
     gone = take(run_folder, job.name, job.data, job.is_synthetic, file_keys)
     storage.write_text(run_folder / "study.yaml", job.settings.to_yaml())
@@ -195,6 +196,21 @@ def _refuse_too_few(stage: str, outcome: Outcome, done: Mapping[str, StageRecord
         f"{len(outcome.case_keys)} usable cases are left after {stage}; a shape model needs at "
         f"least {FEWEST_CASES}. Add cases, or mend the ones dropped:{reasons or ' none'}"
     )
+
+
+def _refuse_hopeless(file_keys: Mapping[str, str], dropped: Sequence[Dropped]) -> None:
+    """What needs no work to be known."""
+    if len(file_keys) < FEWEST_CASES:
+        reasons = "".join(f"\n  {case.case_id}: {case.reason}" for case in dropped)
+        raise StudyError(
+            f"{len(file_keys)} cases were found; a shape model needs at least {FEWEST_CASES}: one "
+            f"is left out at a time to score it. Add cases.{reasons}"
+        )
+    if len(set(file_keys.values())) == 1:
+        raise StudyError(
+            f"all {len(file_keys)} cases are copies of one file, and there is nothing in which "
+            "they vary. Check the folder and the pattern."
+        )
 
 
 def _plain(kept: Any) -> Any:

@@ -13,7 +13,7 @@ def build(shapes: CorrespondedShapes) -> ShapeModel:
 
     By the singular values of the centred N × 3V data, so nothing of size 3V × 3V is ever formed.
     Each mode's sign is fixed (its largest displacement points towards +), so that a rerun shows
-    the same pictures. Raises StudyError for fewer than three shapes.
+    the same pictures. Raises StudyError for fewer than three shapes, or where all are equal.
     """
     count, vertex_count, _ = shapes.vertices.shape
     if count < 3:
@@ -24,6 +24,11 @@ def build(shapes: CorrespondedShapes) -> ShapeModel:
     data = shapes.vertices.reshape(count, -1)
     mean = data.mean(axis=0)
     _, singular, Vt = np.linalg.svd(data - mean, full_matrices=False)
+    if singular[0] <= 1e-12 * np.linalg.norm(data):
+        raise StudyError(
+            f"all {count} shapes are equal: there is nothing in which they vary. Look whether one "
+            "file was given for all cases."
+        )
     kept = singular > singular[0] * 1e-8  # the N-th singular value is round-off, always
     kept[count - 1 :] = False
     modes, singular = Vt[kept], singular[kept]

@@ -40,7 +40,7 @@ class StudySettings(Settings):
     """What is computed. How (device, processes, folder) is the command line's."""
 
     description: str = ""  # a line for `workflow list`
-    seed: int = Field(0, ge=0)  # of every random draw
+    seed: int = Field(0, ge=0, lt=2**32)  # of every random draw
     data: DataSettings
     meshing: MeshingSettings = MeshingSettings()
     spectral: SpectralSettings = SpectralSettings()
@@ -60,6 +60,18 @@ class StudySettings(Settings):
                 "comparison.retrain trains a matcher without each fold, and needs "
                 f"evaluation.folds of 2 or more; it is {self.evaluation.folds}. Pass --folds 5, "
                 "or set evaluation.folds"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _meshes_carry_the_eigenpairs(self) -> StudySettings:
+        faces = min(self.meshing.faces, self.training.faces)
+        most = (faces // 2 + 2) // 2  # half the vertices of a closed surface without handles
+        if self.spectral.eigenpairs > most:
+            raise ValueError(
+                f"spectral.eigenpairs is {self.spectral.eigenpairs}; surfaces of {faces} triangles "
+                f"(the smaller of meshing.faces and training.faces) carry {most}. Ask for fewer "
+                "eigenpairs, or for more faces"
             )
         return self
 

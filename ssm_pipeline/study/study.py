@@ -12,7 +12,7 @@ from typing import Any
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.settings import StudySettings
-from ssm_pipeline.study.yaml_settings import checked_as, merge, nearest, parse_change, read_yaml
+from ssm_pipeline.study.yaml_settings import checked_as, merge, nearest, parse_changes, read_yaml
 
 WITHOUT_DATA = "without_data"  # section of overrides for a run that is given no masks
 
@@ -79,7 +79,7 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
     if not isinstance(section, Mapping):
         raise StudyError(f"{path}: a section `data` is needed, with `source: masks` or luna16.")
     over = [{"data": {"folder": str(data)}}] if data is not None else []
-    over += [parse_change(change) for change in changes]
+    over += parse_changes(changes)
     changed = functools.reduce(merge, over, content)
     is_stand_in = (
         changed["data"].get("source") != "phantoms" and changed["data"].get("folder") is None
@@ -99,7 +99,7 @@ def read_run_settings(run_folder: Path, changes: Sequence[str] = ()) -> StudySet
     path = run_folder / "study.yaml"
     if not path.is_file():
         raise StudyError(f"{run_folder} holds no run; give a folder such as runs/luna16.")
-    return checked(functools.reduce(merge, map(parse_change, changes), read_yaml(path)), path)
+    return checked(functools.reduce(merge, parse_changes(changes), read_yaml(path)), path)
 
 
 def checked(content: Mapping[str, Any], path: Path) -> StudySettings:

@@ -13,14 +13,16 @@ from pydantic import ValidationError
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.study.known_keys import known_keys
+from ssm_pipeline.study.settings_loader import SettingsLoader
 
 Kind = TypeVar("Kind", bound=Settings)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
+    """A file's settings. Raises StudyError for one that is no YAML or gives a key twice."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=SettingsLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise StudyError(f"{path} is not readable as YAML: {error}") from error
     if not isinstance(content, dict):
         raise StudyError(f"{path} holds no settings; `workflow init` writes a file to start from.")
@@ -34,12 +36,20 @@ def parse_change(change: str) -> dict[str, Any]:
     if not equals or not all(names):
         raise StudyError(f"--set {change}: section.name=value is needed, as training.steps=2000.")
     try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        value = yaml.load(text, Loader=SettingsLoader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise StudyError(f"--set {change}: the value is not readable as YAML: {error}") from error
     for name in reversed(names):
         value = {name: value}
     return value
+
+
+def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:
+    """Each of them by `parse_change`. Raises StudyError where two change the same setting."""
+    keys = [change.partition("=")[0].strip() for change in changes]
+    if twice := next((key for key in keys if keys.count(key) > 1), None):
+        raise StudyError(f"--set {twice} is given twice; give each setting once.")
+    return [parse_change(change) for change in changes]
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -207,7 +207,7 @@ def test_a_folder_of_other_masks_is_refused(bench: Bench):
     bench.run()
     other = Bench(bench.folder)
     other.masks = bench.folder / "other"
-    write_masks(other.masks, {"x": "10", "y": "20", "z": "30"})
+    write_masks(other.masks, {"w": "5", "x": "10", "y": "20", "z": "30"})
     with pytest.raises(StudyError, match=r"holds results of the masks in .*masks; .* in .*other"):
         other.run()
     assert bench.sum == "20"
@@ -236,3 +236,17 @@ def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench):
         with pytest.raises(StudyError, match="another process is running"):
             bench.run()
     assert "[3/3]" in bench.run()
+
+
+def test_three_cases_are_too_few_before_any_work(bench: Bench):
+    (bench.masks / "d.txt").unlink()
+    with pytest.raises(StudyError, match="3 cases were found; a shape model needs at least 4"):
+        bench.run()
+    assert bench.worked_on == []
+
+
+def test_copies_of_one_file_are_refused_before_any_work(bench: Bench):
+    write_masks(bench.masks, dict.fromkeys(GOOD, "1"))
+    with pytest.raises(StudyError, match="all 4 cases are copies of one file"):
+        bench.run()
+    assert bench.worked_on == []

@@ -100,3 +100,11 @@ def test_alignment_keeps_what_is_not_pose():
     shapes, *_ = hand_made()
     aligned, _ = align(shapes)
     assert build(aligned).variances[0] > 30
+
+
+def test_equal_shapes_have_no_modes_and_it_says_so():
+    sphere = np.random.default_rng(0).standard_normal((50, 3))
+    faces = np.array([[0, 1, 2]])
+    names = ("a", "b", "c", "d")
+    with pytest.raises(StudyError, match="all 4 shapes are equal"):
+        build(CorrespondedShapes(np.stack([sphere] * 4), faces, names, "a"))

@@ -11,7 +11,8 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.known_keys import known_keys
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import Luna16Data, PhantomData
-from ssm_pipeline.study.study import merge, parse_change, read_study
+from ssm_pipeline.study.study import merge, read_study
+from ssm_pipeline.study.yaml_settings import parse_change
 
 WORKFLOWS = sorted((Path(__file__).parents[2] / "workflows").glob("*.yaml"))
 
