@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +93,7 @@ def select_labels(
 ) -> Mask:
     """The union of `labels` as a Mask, or the voxels above `threshold`; `organ` names it.
 
+    Of several labels the mask keeps which voxel has which.
     Raises CaseError if a label is absent, the organ is too small, or the image holds values
     between whole numbers and no threshold is given; and as `organ_mask` does.
     """
@@ -119,7 +120,10 @@ def select_labels(
             image.case_id,
             f"the {named} is absent; labels found: {listed}. Check the label numbers.",
         )
-    return organ_mask(image, voxels, named, allow_truncated)
+    mask = organ_mask(image, voxels, named, allow_truncated)
+    if len(set(labels)) == 1:
+        return mask
+    return replace(mask, labels=np.where(voxels, image.labels, 0).astype(np.int32))
 
 
 def organ_mask(

@@ -55,6 +55,7 @@ class Mask:
     spacing_mm (3,) voxel size along x, y, z; origin_mm (3,) LPS of voxel (0, 0, 0);
     direction  (3, 3), columns are the image axes x, y, z in LPS.
     warnings   what a reader of the report should know of this case.
+    labels     (Z, Y, X) int, where the organ is made of several labelled parts; 0 outside.
     """
 
     voxels: np.ndarray
@@ -63,6 +64,7 @@ class Mask:
     direction: np.ndarray
     case_id: str
     warnings: tuple[str, ...] = ()
+    labels: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.voxels.ndim != 3:
@@ -331,6 +333,24 @@ class CorrespondedShapes:
         chosen = np.asarray(indices, dtype=np.int64)
         case_ids = tuple(self.case_ids[index] for index in chosen)
         return CorrespondedShapes(self.vertices[chosen], self.faces, case_ids, self.template_id)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceLabels:
+    """To which labelled part of the organ each vertex of a case's mesh belongs.
+
+    values (L,) int, ascending: the labels; shares (V, L), rows summing to 1: how much of the organ
+    around a vertex has each label. A vertex belongs to the part of largest share.
+    """
+
+    case_id: str
+    values: np.ndarray
+    shares: np.ndarray
+
+    @property
+    def labels(self) -> np.ndarray:
+        """(V,) int."""
+        return self.values[self.shares.argmax(axis=1)]
 
 
 @dataclass(frozen=True, eq=False)

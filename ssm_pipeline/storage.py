@@ -235,12 +235,15 @@ def load_tables(folder: Path) -> Metrics:
     return Metrics({path.stem: read_table(path) for path in sorted(folder.glob("*.csv"))})
 
 
+_TEXT = {"case_id": str, "from_case_id": str, "landmark": str}
+
+
 def read_table(path: Path) -> pd.DataFrame:
     """A table of ours. Raises DamagedFile."""
     try:
         # Case ids stay the text they are: "007" is no number, and a case may be called NA. What is
         # missing is written as nothing.
-        return pd.read_csv(path, dtype={"case_id": str}, keep_default_na=False, na_values=[""])
+        return pd.read_csv(path, dtype=_TEXT, keep_default_na=False, na_values=[""])
     except FileNotFoundError as error:
         raise DamagedFile(path, "is missing") from error
     except (ValueError, pd.errors.ParserError) as error:  # EmptyDataError is a ValueError

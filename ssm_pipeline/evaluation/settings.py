@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic import Field
 
 from ssm_pipeline.settings import Settings
@@ -19,6 +21,8 @@ class EvaluationSettings(Settings):
     mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
     folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0 leaves one case out a time
     coverage_edges: float = Field(1.5, gt=0)  # "no template point near", in mean edge lengths
+    labels: bool = True  # carry labels of parts from case to case, where the masks have several
+    landmarks: Path | None = None  # folder of <case id>.mrk.json with the same names; None: none
     bootstrap_draws: int = Field(10_000, ge=100)  # resamplings of the cases, for intervals
 
 

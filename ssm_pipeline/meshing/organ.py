@@ -92,4 +92,5 @@ def _crop(mask: Mask) -> Mask:
         highs.append(used[-1] + 1)
     voxels = mask.voxels[lows[0] : highs[0], lows[1] : highs[1], lows[2] : highs[2]]
     origin = mask.to_world(np.array(lows[::-1], float))
-    return replace(mask, voxels=np.ascontiguousarray(voxels), origin_mm=origin)
+    # Labels of parts stay with the mask as read: the surface's are looked up there.
+    return replace(mask, voxels=np.ascontiguousarray(voxels), origin_mm=origin, labels=None)

@@ -21,8 +21,10 @@ _TITLES = {
     "retraining": "Generalisation to cases that the matcher has not seen",
     "truth": "Distance from the known truth",
     "truth_mean": "Distance from the known truth, mean over the cases",
-    "labels": "Anatomical labels carried from case to case",
-    "landmarks": "Landmarks carried from case to case",
+    "labels": "Anatomical labels carried from all other cases, by case",
+    "labels_mean": "Anatomical labels carried from case to case",
+    "landmarks": "Landmarks carried from all other cases, by case",
+    "landmarks_mean": "Landmarks carried from case to case",
     "interpolation": "Conformal distortion along the interpolations",
 }
 # Drawn or told elsewhere, or a row a case of what a table of means holds.

@@ -14,6 +14,7 @@ from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
+from ssm_pipeline.stages.anatomy import Anatomy, anatomy_of, means_of_methods, without_pairs
 from ssm_pipeline.stages.compared_methods import corresponded_shapes, method_folder
 from ssm_pipeline.stages.context import Context, patients_of
 from ssm_pipeline.stages.retrained_folds import retrained_generalisation
@@ -36,6 +37,7 @@ def evaluate_methods(context: Context) -> Outcome:
 
     run, settings = Run(context.run_folder), context.settings
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
+    anatomy = anatomy_of(context, meshes)
     scores: dict[str, Metrics] = {}
     for method in (FULL, *(method for method in settings.comparison.methods if method != FULL)):
         try:
@@ -43,13 +45,16 @@ def evaluate_methods(context: Context) -> Outcome:
         except CaseError as error:  # a comparison that can't be made does not end the study
             context.terminal.say(f"      {method} left out: {error}")
             continue
-        scores[method] = _scores(context, method, settings, shapes, meshes)
+        scores[method] = _scores(context, method, settings, shapes, meshes, anatomy)
     truth, template = context.cohort.truth, _template_of(run.shapes)
     if truth is not None:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
-        scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes)
+        scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes, anatomy)
     draws, is_luna16 = settings.evaluation.bootstrap_draws, isinstance(settings.data, Luna16Data)
+    anatomical = means_of_methods(scores, draws, settings.seed)
+    scores = without_pairs(scores)
     tables = together(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
+    tables |= anatomical
     if truth is not None:
         tables = with_variance_kept(tables)
     if settings.comparison.retrain:
@@ -71,6 +76,7 @@ def _scores(
     settings: StudySettings,
     shapes: CorrespondedShapes,
     meshes: Sequence[Mesh],
+    anatomy: Anatomy,
 ) -> Metrics:
     """A method's tables, from its folder if they are up to date. Raises CaseError."""
     folder = method_folder(context, method)
@@ -84,8 +90,9 @@ def _scores(
         settings.shape_model,
         settings.seed,
         patients_of(context, shapes.case_ids),
+        {case_id: positions.tolist() for case_id, positions in anatomy.landmarks.items()},
     )
-    work = partial(_write_scores, context, method, settings, shapes, meshes)
+    work = partial(_write_scores, context, method, settings, shapes, meshes, anatomy)
     (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
     if result.dropped is not None:
         raise CaseError(method, result.dropped)
@@ -98,9 +105,10 @@ def _write_scores(
     settings: StudySettings,
     shapes: CorrespondedShapes,
     meshes: Sequence[Mesh],
+    anatomy: Anatomy,
     folder: Path,
 ) -> Row:
-    """The tables of `evaluate_method`; of a synthetic cohort also the errors against the truth."""
+    """The tables of `evaluate_method`, anatomy's, and of a synthetic cohort the truth's."""
     from ssm_pipeline.evaluation.evaluate import evaluate_method
 
     metrics = evaluate_method(
@@ -114,6 +122,8 @@ def _write_scores(
         patients=patients_of(context, shapes.case_ids),
     )
     storage.save_tables(metrics, folder)
+    points, seed = settings.evaluation.points, settings.seed
+    storage.save_tables(Metrics(anatomy.tables(method, shapes, meshes, points, seed)), folder)
     truth = context.cohort.truth
     if truth is not None:
         from ssm_pipeline.evaluation.phantom_truth import correspondence_errors, variance_kept

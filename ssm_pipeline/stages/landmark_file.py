@@ -17,9 +17,12 @@ from ssm_pipeline.stages.run import Run
 FARTHEST_SHARE = 0.05
 
 
-def read_landmarks(path: Path) -> Landmarks:
-    """Landmarks of a Slicer `.mrk.json`. Raises StudyError if it is missing or unreadable."""
-    advice = "Save it from 3D Slicer's Markups as .mrk.json, or leave report.landmarks out."
+def read_landmarks(path: Path, setting: str = "report.landmarks") -> Landmarks:
+    """Landmarks of a Slicer `.mrk.json`. Raises StudyError if it is missing or unreadable.
+
+    setting  that names the file, for the message.
+    """
+    advice = f"Save it from 3D Slicer's Markups as .mrk.json, or leave {setting} out."
     try:
         return landmarks_from_markups(storage.read_json(path))
     except DamagedFile as error:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ssm_pipeline.engine.stage import Stage
+from ssm_pipeline.stages.anatomy import what_the_evaluation_rests_on
 from ssm_pipeline.stages.correspondence import match_cases
 from ssm_pipeline.stages.data import list_cases
 from ssm_pipeline.stages.evaluation import evaluate_methods
 from ssm_pipeline.stages.groupwise import match_mean
-from ssm_pipeline.stages.meshing import make_meshes
+from ssm_pipeline.stages.meshing import make_meshes, what_meshes_rest_on
 from ssm_pipeline.stages.report import what_the_report_rests_on, write_report
 from ssm_pipeline.stages.shape_model import build_model
 from ssm_pipeline.stages.spectral import make_bases
@@ -20,7 +21,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         list_cases,
         lambda s: {"data": s.data.model_dump(mode="json", exclude={"folder"})},
     ),
-    Stage("meshing", make_meshes, lambda s: s.meshing, needs=("data",)),
+    Stage("meshing", make_meshes, what_meshes_rest_on, needs=("data",)),
     Stage(
         "spectral",
         make_bases,
@@ -58,7 +59,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     Stage(
         "evaluation",
         evaluate_methods,
-        lambda s: {"evaluation": s.evaluation, "comparison": s.comparison, "seed": s.seed},
+        what_the_evaluation_rests_on,
         needs=("shape_model",),
         version=2,
     ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -12,16 +13,17 @@ from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Surface
 from ssm_pipeline.stages.context import Context
+from ssm_pipeline.study.settings import StudySettings
 
 
 def make_meshes(context: Context) -> Outcome:
-    """<case>/mesh.npz; quality.csv."""
-    settings = context.settings.meshing
+    """<case>/mesh.npz, labels.npz where the masks have several parts; quality.csv."""
+    settings, rests_on = context.settings.meshing, what_meshes_rest_on(context.settings)
     results = context.map_cases(
         [
             CaseTask(
                 case.case_id,
-                context.case_key(case.case_id, settings),
+                context.case_key(case.case_id, rests_on),
                 partial(mesh_case, case, settings),
             )
             for case in context.cohort.cases
@@ -32,9 +34,17 @@ def make_meshes(context: Context) -> Outcome:
     return context.outcome(results)
 
 
+def what_meshes_rest_on(settings: StudySettings) -> Any:
+    """The settings of meshing, and whether labels of parts are kept."""
+    if not settings.data.has_parts:
+        return settings.meshing
+    return {"meshing": settings.meshing, "labels": True}
+
+
 def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
-    """mesh.npz; the row is its quality, and what a reader should know of the case."""
+    """mesh.npz, labels.npz of several parts; the row: quality, what to know of the case."""
     from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+    from ssm_pipeline.meshing.surface_labels import surface_labels
     from ssm_pipeline.meshing.surface_to_mesh import mesh_from_surface
 
     given = case.load()
@@ -42,6 +52,8 @@ def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
         mesh, quality = mesh_from_surface(given, settings)
     else:
         mesh, quality = mesh_from_mask(given, settings)
+        if given.labels is not None:
+            storage.save(surface_labels(mesh, given), folder / "labels.npz")
     storage.save(mesh, folder / "mesh.npz")
     remarks = {"warnings": "; ".join([*given.warnings, *quality.warnings])}
     return {"case_id": case.case_id, **dataclasses.asdict(quality), **remarks}

@@ -35,6 +35,11 @@ class FolderData(Settings):
     def in_words(self) -> str:
         return f"the {self.noun} in {self.folder}"
 
+    @property
+    def has_parts(self) -> bool:
+        """Whether the organ is made of several labels, whose borders are known."""
+        return False
+
     def find(self, run_folder: Path) -> Cohort:
         """The cases; nothing is read before one is loaded. Raises StudyError."""
         raise NotImplementedError
@@ -84,7 +89,7 @@ class MaskFolderData(FolderData):
     segmentations with named segments (.seg.nrrd, DICOM SEG)."""
 
     source: Literal["masks"] = "masks"
-    labels: tuple[int, ...] = Field((1,), min_length=1)  # united to one organ
+    labels: tuple[int, ...] = Field((1,), min_length=1)  # parts, united to one organ
     segments: tuple[str, ...] = ()  # names, united, in place of labels: .seg.nrrd and DICOM SEG
     threshold: float | None = None  # in place of labels, of probability maps: organ is above it
     pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
@@ -97,6 +102,10 @@ class MaskFolderData(FolderData):
         if 0 in labels:
             raise ValueError("label 0 is the background, and no organ; name the organ's own label")
         return labels
+
+    @property
+    def has_parts(self) -> bool:
+        return len(set(self.labels)) > 1 and not self.segments and self.threshold is None
 
     def find(self, run_folder: Path) -> Cohort:
         from data_prep import mask_folder
@@ -145,6 +154,10 @@ class PhantomData(PhantomSettings):
     @property
     def in_words(self) -> str:
         return "synthetic phantoms"
+
+    @property
+    def has_parts(self) -> bool:
+        return self.family != "smooth"
 
     def find(self, run_folder: Path) -> Cohort:
         from data_prep.phantoms import make_cohort
