@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import pandas as pd
 
@@ -13,17 +12,25 @@ from ssm_pipeline.report.rounding import FINE, round_up
 from ssm_pipeline.report.tables import p_text, text
 
 ALPHA = 0.05
-# Prefix of the comparison's columns, heading, unit; the distances are lower where better.
-_MEASURES = (
+Column = tuple[str, str, str, str]  # prefix of its columns, heading, subtitle, unit
+# All but the variance are better low.
+_FIRST: tuple[Column, ...] = (
     ("generalisation_surface", "Generalisation", "surface distance", "mm"),
     ("unseen_generalisation_surface", "Generalisation, case unseen", "surface distance", "mm"),
     ("specificity_surface", "Specificity", "surface distance", "mm"),
-    ("labels", "Anatomical labels", "area that disagrees", "percent"),
-    ("generalisation_chamfer", "Gener.", "Chamfer", "mm"),
-    ("specificity_chamfer", "Spec.", "Chamfer", "mm"),
-    ("variance", "Variance", "kept", "percent"),
 )
-_MOST_DIFFERENCES = 4  # columns with intervals; more would not fit a laptop's width
+_FURTHER: tuple[Column, ...] = (
+    ("generalisation_chamfer", "Generalisation", "Chamfer", "mm"),
+    ("specificity_chamfer", "Specificity", "Chamfer", "mm"),
+    ("generalisation_hd95", "Generalisation", "95th percentile", "mm"),
+    ("surface_fit", "New case", "fitted by the model", "mm"),
+    ("seen_specificity_surface", "Specificity", "of as few cases, seen", "mm"),
+    ("unseen_specificity_surface", "Specificity", "of as few cases, unseen", "mm"),
+    ("labels_border", "Label borders", "displaced", "mm"),
+    ("variance_kept", "Variance", "of the truth's", "percent"),
+    ("variance", "Variance", "of its own", "percent"),
+)
+_MOST_WITH_P = 2  # intervals beside which p has a column of its own; otherwise it is on hover
 _UNIT_TEXT = {"mm": "mm", "percent": "%"}
 
 
@@ -77,7 +84,7 @@ class Measure:
 
     title: str
     subtitle: str
-    has_difference: bool
+    has_difference: bool  # drawn, with its interval
     axis: str
 
 
@@ -100,29 +107,52 @@ class MethodTable:
     says_seen: bool
 
     @property
+    def has_differences(self) -> bool:
+        return any(difference is not None for row in self.rows for _, difference in row.cells)
+
+    @property
     def has_p(self) -> bool:
         differences = [difference for row in self.rows for _, difference in row.cells]
         return any(d is not None and pd.notna(d.p) for d in differences)
 
+    @property
+    def shows_p(self) -> bool:
+        return self.has_p and sum(m.has_difference for m in self.measures) <= _MOST_WITH_P
 
-def method_table(metrics: Mapping[str, pd.DataFrame]) -> MethodTable | None:
-    """The table `comparison` for reading, best generalisation first; None without that table.
+
+def method_tables(
+    metrics: Mapping[str, pd.DataFrame],
+) -> tuple[MethodTable | None, MethodTable | None]:
+    """The table `comparison` for reading, best generalisation first: what is asked first, with
+    intervals, and the further measures; None where there is none.
 
     Columns that are absent are left out: only `method` must be there. `<prefix>_<unit>` is a value,
     `_se_` its standard error, `_difference_`, `_low_` and `_high_` the paired difference from the
-    full method and its interval, `<prefix>_p` its adjusted p. The floor of the Chamfer distance,
-    where the scores hold it, is a row of its own at the end.
+    full method and its interval, `<prefix>_p` its adjusted p. The table `labels_mean` joins in, and
+    the floor of the Chamfer distance, where the scores hold it, is a row of its own at the end.
     """
     table = metrics.get("comparison")
     if table is None or table.empty:
-        return None
-    found = [m for m in _MEASURES if f"{m[0]}_{m[3]}" in table]
-    if found:
-        table = table.sort_values(f"{found[0][0]}_{found[0][3]}", kind="stable")
-    with_interval = [prefix for prefix, *_, unit in found if f"{prefix}_difference_{unit}" in table]
-    with_interval = with_interval[:_MOST_DIFFERENCES]
-    ranges = {prefix: _range(table, prefix, unit) for prefix, *_, unit in found}
-    traits = method_traits(metrics)
+        return None, None
+    table = _with_labels(table, metrics.get("labels_mean"))
+    first, further = ([m for m in some if _column(m) in table] for some in (_FIRST, _FURTHER))
+    if first:
+        table = table.sort_values(_column(first[0]), kind="stable")
+    floor = _floor(metrics, further)
+    at_a_glance = _method_table(table, first, method_traits(metrics))
+    if not further:
+        return at_a_glance, None
+    more = _method_table(table, further, method_traits(metrics))
+    return at_a_glance, more if floor is None else replace(more, rows=(*more.rows, floor))
+
+
+def _method_table(
+    table: pd.DataFrame,
+    measures: Sequence[Column],
+    traits: Mapping[str, tuple[bool | None, bool | None]],
+) -> MethodTable:
+    drawn = {m for m in measures if m in _FIRST and f"{m[0]}_difference_{m[3]}" in table}
+    ranges = {m: _range(table, m[0], m[3]) for m in measures}
     rows = [
         MethodRow(
             str(row["method"]),
@@ -130,31 +160,43 @@ def method_table(metrics: Mapping[str, pd.DataFrame]) -> MethodTable | None:
             *traits[str(row["method"])],
             tuple(
                 (
-                    _value(row, prefix, unit, with_error=prefix in with_interval),
-                    _difference(row, prefix, unit, ranges[prefix])
-                    if prefix in with_interval and row["method"] != FULL
-                    else None,
+                    _value(row, m[0], m[3]),
+                    None if row["method"] == FULL else _difference(row, m[0], m[3], ranges[m]),
                 )
-                for prefix, *_, unit in found
+                for m in measures
             ),
         )
         for _, row in table.iterrows()
     ]
-    floor = _floor(metrics, [prefix for prefix, *_ in found])
     return MethodTable(
         tuple(
-            Measure(
-                title,
-                f"{subtitle}, {_UNIT_TEXT[unit]}",
-                prefix in with_interval,
-                f"{ranges[prefix]:g}",
-            )
-            for prefix, title, subtitle, unit in found
+            Measure(m[1], f"{m[2]}, {_UNIT_TEXT[m[3]]}", m in drawn, f"{ranges[m]:g}")
+            for m in measures
         ),
-        tuple(rows) if floor is None else (*rows, floor),
+        tuple(rows),
         any(row.uses_network is not None for row in rows),
         any(row.saw_case is not None for row in rows),
     )
+
+
+def _column(measure: Column) -> str:
+    return f"{measure[0]}_{measure[3]}"
+
+
+def _with_labels(comparison: pd.DataFrame, labels: pd.DataFrame | None) -> pd.DataFrame:
+    """The comparison with how far labels carried from case to case miss their borders."""
+    if labels is None or "border_mm" not in labels:
+        return comparison
+    names = {
+        "border_mm": "labels_border_mm",
+        "border_difference_mm": "labels_border_difference_mm",
+        "border_difference_low_mm": "labels_border_low_mm",
+        "border_difference_high_mm": "labels_border_high_mm",
+        "border_difference_p": "labels_border_p",
+    }
+    own = labels.set_index("method").rename(columns=names)
+    kept = [name for name in names.values() if name in own]
+    return comparison.join(own[kept], on="method")
 
 
 def method_traits(
@@ -182,10 +224,8 @@ def _flag(rows: pd.DataFrame, column: str, otherwise: bool | None) -> bool | Non
     return bool(rows[column].astype(bool).any())
 
 
-def _value(row: pd.Series, prefix: str, unit: str, with_error: bool) -> str:
+def _value(row: pd.Series, prefix: str, unit: str) -> str:
     decimals = 2 if unit == "mm" else 1
-    if not with_error:  # such columns have room for one number
-        return text(row[f"{prefix}_{unit}"], decimals)
     value, error = row[f"{prefix}_{unit}"], row.get(f"{prefix}_se_{unit}")
     shown = text(value, decimals)
     return shown if error is None or pd.isna(error) else f"{shown} ± {text(error, decimals)}"
@@ -216,14 +256,14 @@ def _range(table: pd.DataFrame, prefix: str, unit: str) -> float:
     return round_up(float(reach), FINE)
 
 
-def _floor(metrics: Mapping[str, pd.DataFrame], prefixes: Sequence[str]) -> MethodRow | None:
+def _floor(metrics: Mapping[str, pd.DataFrame], measures: Sequence[Column]) -> MethodRow | None:
     """What two samplings of one surface have between them: no Chamfer distance can be lower."""
-    values: dict[str, Any] = {}
+    values: dict[str, str] = {}
     for name in ("generalisation", "specificity"):
         table = metrics.get(name)
         if table is not None and "chamfer_floor_mm" in table:
             values[f"{name}_chamfer"] = text(table["chamfer_floor_mm"].mean())
-    if not any(prefix in values for prefix in prefixes):
+    if not any(prefix in values for prefix, *_ in measures):
         return None
-    cells = tuple((values.get(prefix, ""), None) for prefix in prefixes)
+    cells = tuple((values.get(prefix, ""), None) for prefix, *_ in measures)
     return MethodRow("floor of the distance", "floor", None, None, cells)

@@ -13,7 +13,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.report.cohort_check import check_cases
 from ssm_pipeline.report.content import ReportContent
-from ssm_pipeline.report.method_table import method_table
+from ssm_pipeline.report.method_table import method_tables
 from ssm_pipeline.report.page_tables import page_tables
 from ssm_pipeline.report.payload import build_payload
 from ssm_pipeline.report.pictures import interpolation_scenes, mode_range_mm, mode_scenes
@@ -32,6 +32,7 @@ def write_page(content: ReportContent, path: Path, settings: ReportSettings | No
 def page_html(content: ReportContent, settings: ReportSettings) -> str:
     """The page's text. Everything is inside: it opens from a folder without a server."""
     payload = build_payload(content, settings)
+    methods, further = method_tables(content.metrics)
     return fill(
         "page.html",
         payload.description,
@@ -43,7 +44,8 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         facts=_facts(content),
         pictures=_pictures(content, settings),
         tables=page_tables(content),
-        methods=method_table(content.metrics),
+        methods=methods,
+        further=further,
         check=check_cases(content),
         warning=collapse_warning(content.training),
         chamfer_floor=_chamfer_floor(content),

@@ -7,11 +7,23 @@ import pandas as pd
 import pytest
 from synthetic_report import make_cohort
 
-from ssm_pipeline.report.method_table import method_table, method_traits
+from ssm_pipeline.report.method_table import MethodTable, method_tables, method_traits
 
 
 def comparison(**columns: list) -> dict[str, pd.DataFrame]:
     return {"comparison": pd.DataFrame({"method": ["full", "bcpd", "S3M"], **columns})}
+
+
+def first(metrics: dict[str, pd.DataFrame]) -> MethodTable:
+    table, _ = method_tables(metrics)
+    assert table is not None
+    return table
+
+
+def further(metrics: dict[str, pd.DataFrame]) -> MethodTable:
+    _, table = method_tables(metrics)
+    assert table is not None
+    return table
 
 
 def differences(low: float, high: float, p: float | None = None) -> dict[str, list]:
@@ -35,8 +47,7 @@ def differences(low: float, high: float, p: float | None = None) -> dict[str, li
     ],
 )
 def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict):
-    table = method_table(comparison(**differences(low, high, p)))
-    assert table is not None
+    table = first(comparison(**differences(low, high, p)))
     (difference,) = [d for row in table.rows if row.method == "bcpd" for _, d in row.cells]
     assert difference is not None
     assert difference.verdict == verdict
@@ -44,8 +55,7 @@ def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict):
 
 
 def test_places_on_the_axis_are_those_of_the_values():
-    table = method_table(comparison(**differences(0.1, 0.3)))
-    assert table is not None
+    table = first(comparison(**differences(0.1, 0.3)))
     reach = float(table.measures[0].axis)
     (_, bcpd, _) = [row.cells[0][1] for row in table.rows]
     assert bcpd is not None
@@ -55,17 +65,16 @@ def test_places_on_the_axis_are_those_of_the_values():
 
 
 def test_best_generalisation_comes_first():
-    table = method_table(comparison(generalisation_surface_mm=[1.2, 1.0, 1.1]))
-    assert table is not None
+    table = first(comparison(generalisation_surface_mm=[1.2, 1.0, 1.1]))
     assert [row.method for row in table.rows] == ["bcpd", "S3M", "full"]
     assert not table.measures[0].has_difference
 
 
 def test_a_comparison_of_names_alone_is_shown():
-    table = method_table(comparison())
-    assert table is not None
+    table = first(comparison())
     assert [row.cells for row in table.rows] == [(), (), ()]
-    assert method_table({}) is None
+    assert method_tables({}) == (None, None)
+    assert method_tables(comparison())[1] is None
 
 
 def test_traits_come_from_the_tables_and_else_from_the_names():
@@ -82,11 +91,40 @@ def test_traits_come_from_the_tables_and_else_from_the_names():
     assert method_traits(told)["bcpd"] == (False, None)
 
 
+def test_with_three_intervals_p_is_on_hover():
+    metrics = make_cohort(60, 6).metrics
+    table = first(metrics)
+    assert [m.has_difference for m in table.measures] == [True] * 3
+    assert (table.has_p, table.shows_p) == (True, False)
+    unseen = [name for name in metrics["comparison"] if name.startswith("unseen_")]
+    assert first({"comparison": metrics["comparison"].drop(columns=unseen)}).shows_p
+
+
+def test_labels_join_the_comparison_by_method():
+    labels = pd.DataFrame(
+        {
+            "method": ["S3M", "full"],
+            "border_mm": [14.0, 13.0],
+            "border_difference_mm": [1.0, 0.0],
+            "border_difference_low_mm": [0.5, 0.0],
+            "border_difference_high_mm": [1.5, 0.0],
+        }
+    )
+    table = further(comparison(generalisation_surface_mm=[1, 2, 3]) | {"labels_mean": labels})
+    shown = {row.method: row.cells[0] for row in table.rows}
+    assert shown["full"] == ("13.00", None)
+    assert shown["bcpd"][0] == "–"
+    assert shown["S3M"][0] == "14.00"
+    assert shown["S3M"][1] is not None
+    assert shown["S3M"][1].verdict == "worse"
+
+
 def test_the_floor_of_the_chamfer_distance_is_a_row():
-    table = method_table(make_cohort(60, 6).metrics)
-    assert table is not None
-    floor = table.rows[-1]
+    metrics = make_cohort(60, 6).metrics
+    floor = further(metrics).rows[-1]
     assert floor.kind == "floor"
-    shown = dict(zip([m.subtitle for m in table.measures], floor.cells, strict=True))
-    assert shown["Chamfer, mm"] == ("1.93", None)
-    assert shown["surface distance, mm"] == ("", None)
+    measures = [f"{m.title} {m.subtitle}" for m in further(metrics).measures]
+    shown = dict(zip(measures, floor.cells, strict=True))
+    assert shown["Generalisation Chamfer, mm"] == ("1.93", None)
+    assert shown["Generalisation 95th percentile, mm"] == ("", None)
+    assert all(row.kind != "floor" for row in first(metrics).rows)

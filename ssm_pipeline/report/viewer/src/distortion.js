@@ -9,7 +9,7 @@ export function showDistortion(container, charts, index) {
   showTogether(container, (choose) => [
     lineChart(chart.lines, {
       title: "Conformal distortion", unit: "mean", xLabel: "pose time t", nameOf: "Path", digits: 3,
-      style, choose, at: (t) => `at t = ${t.toFixed(2)}, shape time 1`,
+      style, choose, at: (t) => `at t = ${t.toFixed(2)}, shape time the same`,
     }),
   ]);
 }

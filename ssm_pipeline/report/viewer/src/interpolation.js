@@ -8,7 +8,8 @@ import { createStage } from "./stage.js";
 import { zip } from "./zip.js";
 
 const $ = (id) => document.getElementById(id);
-const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+const MOST = 20; // a triangle that collapses shall not be the mean
+const mean = (values) => values.reduce((sum, value) => sum + Math.min(value, MOST), 0) / values.length;
 const FRAMES = 41; // of a saved series: t in steps of 0.025
 const KEPT = 2, WORST = 4; // conformal distortion at the ends of the colour bar
 const BONE = [0.69, 0.6, 0.46]; // linear light
@@ -58,6 +59,7 @@ export function startInterpolation(study) {
   }
 
   function update() {
+    if ($("interpolation-together").checked) inputs.ts.value = inputs.t.value;
     const t = Number(inputs.t.value), ts = Number(inputs.ts.value);
     const { times, count, faces } = path;
     let upper = times.findIndex((time) => time >= t);
@@ -84,17 +86,17 @@ export function startInterpolation(study) {
     outputs.t.textContent = t.toFixed(2);
     outputs.ts.textContent = ts.toFixed(2);
     const sorted = Float32Array.from(path.distortion).sort();
-    const readings = [["Mean distortion", mean(sorted)], ["95th percentile", sorted[Math.floor(0.95 * (sorted.length - 1))]], ["Mean on the straight line", straight(t, ts)]];
+    const readings = [["Mean distortion", mean(sorted)], ["95th percentile", sorted[Math.floor(0.95 * (sorted.length - 1))]], ["Mean on the straight line", straight(t)]];
     $("interpolation-readouts").innerHTML = readings.map(([k, v]) => `<div><dt>${k}</dt><dd>${v.toFixed(3)}</dd></div>`).join("");
     stage.draw();
   }
 
-  /** Mean distortion where every point goes evenly from its start to where it ends at t_s. */
-  function straight(t, ts) {
+  /** Mean distortion where every point goes evenly from X(0, 0) to X(1, 1). */
+  function straight(t) {
     const { pose, offsets, count, faces } = path;
     const last = pose.length - count;
     for (let i = 0; i < count; i++) {
-      path.straight[i] = (1 - t) * (pose[i] + ts * offsets[i]) + t * (pose[last + i] + ts * offsets[last + i]);
+      path.straight[i] = (1 - t) * pose[i] + t * (pose[last + i] + offsets[last + i]);
     }
     return mean(distortion(path.straight, faces, path.cotangents, path.straightDistortion));
   }
@@ -140,11 +142,13 @@ export function startInterpolation(study) {
   });
   for (const input of Object.values(inputs)) {
     input.addEventListener("input", () => {
+      if (input === inputs.ts) $("interpolation-together").checked = false;
       stop();
       update();
     });
   }
   $("interpolation-colour").addEventListener("change", update);
+  $("interpolation-together").addEventListener("change", update);
   play.addEventListener("click", () => (playing ? stop() : run()));
   $("interpolation-picture").addEventListener("click", () => {
     stage.drawNow(); // the drawing buffer is only there right after drawing
@@ -189,6 +193,7 @@ export function startInterpolation(study) {
     distortion: () => path.distortion.slice(),
     set(t, ts) {
       stop();
+      $("interpolation-together").checked = t === ts;
       inputs.t.value = t;
       inputs.ts.value = ts;
       update();
