@@ -9,7 +9,7 @@ SYSTEM_PACKAGES := libgl1 libopengl0 libegl1 libosmesa6
 TEST_PACKAGES   := chromium
 STUDY ?= luna16
 
-.PHONY: run test lint install install-dev system system-test clean
+.PHONY: run test lint docs package install install-dev system system-test clean
 
 run: install
 	$(BIN)/workflow run $(STUDY)
@@ -20,6 +20,14 @@ test: install-dev
 lint: install-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+docs: install-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+package: install-dev
+	rm -rf build/package
+	$(BIN)/python -m build --outdir build/package
+	$(BIN)/twine check --strict build/package/*
 
 install: system $(VENV)/.installed
 

@@ -1,24 +1,93 @@
-"""From CT or MR segmentation masks to a statistical shape model."""
+"""From CT or MR segmentation masks, or surfaces, to a statistical shape model.
+
+>>> import ssm_pipeline as ssm
+>>> mesh = ssm.read_mesh("liver.stl")  # doctest: +SKIP
+
+Every public name is imported when it is first asked for: importing the package is instant, and no
+PyTorch is loaded before something needs it. All coordinates are LPS in millimetres.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from data_prep.surface_files import read_mesh
+    from ssm_pipeline.commands.evaluate_shapes import evaluate
     from ssm_pipeline.commands.from_python import run
+    from ssm_pipeline.commands.in_memory import correspond, match_cohort, train
+    from ssm_pipeline.fitting.model_fit import fit
+    from ssm_pipeline.meshing.decimation import decimate
+    from ssm_pipeline.records import (
+        CaseError,
+        CorrespondedShapes,
+        Correspondence,
+        Mesh,
+        SpectralBasis,
+        StudyError,
+    )
+    from ssm_pipeline.shape_model.build import build_model
+    from ssm_pipeline.shape_model.model import ShapeModel, load_model
+    from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.stages.run import load_run
 
-__all__ = ["load_run", "run"]
+    __version__: str
+
+# Public name → the module it lives in.
+_HOMES = {
+    "CaseError": "ssm_pipeline.records",
+    "CorrespondedShapes": "ssm_pipeline.records",
+    "Correspondence": "ssm_pipeline.records",
+    "Mesh": "ssm_pipeline.records",
+    "ShapeModel": "ssm_pipeline.shape_model.model",
+    "SpectralBasis": "ssm_pipeline.records",
+    "StudyError": "ssm_pipeline.records",
+    "build_model": "ssm_pipeline.shape_model.build",
+    "correspond": "ssm_pipeline.commands.in_memory",
+    "decimate": "ssm_pipeline.meshing.decimation",
+    "evaluate": "ssm_pipeline.commands.evaluate_shapes",
+    "fit": "ssm_pipeline.fitting.model_fit",
+    "load_model": "ssm_pipeline.shape_model.model",
+    "load_run": "ssm_pipeline.stages.run",
+    "match_cohort": "ssm_pipeline.commands.in_memory",
+    "read_mesh": "data_prep.surface_files",
+    "run": "ssm_pipeline.commands.from_python",
+    "spectral_basis": "ssm_pipeline.spectral.basis",
+    "train": "ssm_pipeline.commands.in_memory",
+}
+
+__all__ = [
+    "CaseError",
+    "CorrespondedShapes",
+    "Correspondence",
+    "Mesh",
+    "ShapeModel",
+    "SpectralBasis",
+    "StudyError",
+    "__version__",
+    "build_model",
+    "correspond",
+    "decimate",
+    "evaluate",
+    "fit",
+    "load_model",
+    "load_run",
+    "match_cohort",
+    "read_mesh",
+    "run",
+    "spectral_basis",
+    "train",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """`load_run` and `run`, imported when first asked for: importing the package stays instant."""
-    if name == "load_run":
-        from ssm_pipeline.stages.run import load_run
+    if name == "__version__":
+        return import_module("importlib.metadata").version("ssm-pipeline")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
 
-        return load_run
-    if name == "run":
-        from ssm_pipeline.commands.from_python import run
 
-        return run
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

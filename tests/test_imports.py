@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -106,3 +107,13 @@ def test_the_package_and_the_command_line_import_nothing_heavy():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_contributing_lists_the_rooms_in_their_order():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    block = text.split("    ssm_pipeline/\n")[1].split("\n\n")[0]
+    listed = re.findall(r"^      (\w+)(?:/|\.py)", block, flags=re.MULTILINE)
+    inside = [room for room in ROOMS if room not in ("data_prep", "__main__")]
+    assert listed == inside
+    found = {room_of(".".join(p.relative_to(ROOT).with_suffix("").parts)) for p in MODULES}
+    assert found - {None, "__init__"} <= set(ROOMS)

@@ -1,22 +1,35 @@
-"""README's Python runs as printed, and its files and commands exist."""
+"""README's and the documentation's Python runs as printed; their files and commands exist."""
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
 import pytest
 
+import ssm_pipeline
+
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-PYTHON_BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
+    for path in [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
+}
+PYTHON_BLOCKS = [
+    pytest.param(block, id=f"{page}-{number}")
+    for page, text in PAGES.items()
+    for number, block in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL))
+]
+OF_A_RUN = [block for block in PYTHON_BLOCKS if "load_run(" in str(block.values[0])]
 
 
-def test_there_is_python_in_readme():
-    assert PYTHON_BLOCKS
+def test_there_is_python_in_readme_and_the_tutorial():
+    pages = {str(block.id).rsplit("-", 1)[0] for block in PYTHON_BLOCKS}
+    assert {"README.md", "docs/own-organ.md"} <= pages
+    assert len(OF_A_RUN) == 2
 
 
-@pytest.mark.parametrize("block", PYTHON_BLOCKS)
+@pytest.mark.parametrize("block", OF_A_RUN)
 def test_python_runs_as_printed(
     block: str,
     tiny_run: Path,
@@ -29,12 +42,22 @@ def test_python_runs_as_printed(
     assert "4 cases, 3 modes" in capsys.readouterr().out
 
 
-def test_links_within_the_repository_lead_somewhere():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
-        assert (ROOT / target).exists(), target
+@pytest.mark.parametrize("block", PYTHON_BLOCKS)
+def test_every_public_name_that_is_printed_exists(block: str):
+    """What takes longer than a test may is run in tests/test_public_names.py, on small shapes."""
+    for node in ast.walk(ast.parse(block)):
+        if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "ssm":
+            assert node.attr in ssm_pipeline.__all__, node.attr
 
 
-def test_every_command_and_option_named_exists():
+@pytest.mark.parametrize("page", PAGES)
+def test_links_within_the_repository_lead_somewhere(page: str):
+    for target in re.findall(r"\]\((?!http)([^)#]+)\)", PAGES[page]):
+        assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_and_option_named_exists(page: str):
     import typer
 
     from ssm_pipeline import cli
@@ -42,15 +65,27 @@ def test_every_command_and_option_named_exists():
     group = typer.main.get_command(cli.app)
     commands = {**group.commands, **group.commands["benchmark"].commands}
     options = {option for c in commands.values() for p in c.params for option in p.opts}
-    for name in set(re.findall(r"`?workflow (\w+)", README)):
+    for name in set(re.findall(r"(?:^    |`)workflow (\w+)", PAGES[page], flags=re.MULTILINE)):
         assert name in group.commands, f"workflow {name}"
-    lines = [line for line in README.splitlines() if "workflow" in line or "`--" in line]
+    lines = [line for line in PAGES[page].splitlines() if "workflow" in line or "`--" in line]
     for option in set(re.findall(r"(--[a-z]+)\b", "\n".join(lines))):
         assert option in options, option
 
 
+def test_every_command_is_in_readme():
+    import typer
+
+    from ssm_pipeline import cli
+
+    group = typer.main.get_command(cli.app)
+    names = [*group.commands.keys() - {"benchmark"}]
+    names += [f"benchmark {name}" for name in group.commands["benchmark"].commands]
+    for name in names:
+        assert f"workflow {name}" in PAGES["README.md"], name
+
+
 def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path):
-    block = README.split("runs/luna16/\n")[1].split("\n\n")[0]
+    block = PAGES["docs/formats.md"].split("runs/luna16/\n")[1].split("\n\n")[0]
     for line in block.splitlines():
         folder, content = line.split(maxsplit=1)
         if not folder.endswith("/"):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.left_files import CASE_FILE
@@ -27,15 +28,18 @@ def alone_in(run_folder: Path) -> Iterator[None]:
     """
     run_folder.parent.mkdir(parents=True, exist_ok=True)
     # Beside the folder, not in it: the folder itself may be moved aside.
-    with run_folder.with_name(f"{LOCK_FILE}-{run_folder.name}").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise StudyError(
-                f"another process is running {run_folder}. Wait for it, or choose another folder "
-                "with --runs."
-            ) from error
+    lock = FileLock(run_folder.with_name(f"{LOCK_FILE}-{run_folder.name}"))
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise StudyError(
+            f"another process is running {run_folder}. Wait for it, or choose another folder "
+            "with --runs."
+        ) from error
+    try:
         yield
+    finally:
+        lock.release()
 
 
 def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:

@@ -7,11 +7,12 @@ import functools
 import importlib.metadata
 import os
 import platform
-import resource
 import sys
 import threading
 import time
 from pathlib import Path
+
+import psutil
 
 from ssm_pipeline.records import StudyError
 
@@ -44,14 +45,16 @@ def forget_peak_memory() -> None:
 
 
 def peak_memory_mb() -> float:
-    """Largest resident memory of this process since `forget_peak_memory`."""
+    """Largest resident memory of this process, MB: on Linux since `forget_peak_memory`, on Windows
+    since its start; on macOS the memory it holds now."""
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii")
         line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
     except (OSError, StopIteration):
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return peak / 2**20 if sys.platform == "darwin" else peak / 1024
+        memory = psutil.Process().memory_info()
+        # Windows keeps the peak; macOS does not, so that it is today's size there.
+        return getattr(memory, "peak_wset", memory.rss) / 2**20
 
 
 def available_cores() -> int:
@@ -63,10 +66,7 @@ def available_cores() -> int:
 
 def default_jobs() -> int:
     """A process a core, and no more than the free memory carries."""
-    try:
-        free_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
-    except (ValueError, OSError):
-        free_gb = MEMORY_PER_JOB_GB
+    free_gb = psutil.virtual_memory().available / 2**30
     return max(1, min(available_cores(), int(free_gb / MEMORY_PER_JOB_GB)))
 
 
@@ -78,7 +78,8 @@ def end_with_parent(parent: int) -> None:
     """
 
     def watch() -> None:
-        while os.getppid() == parent:
+        # Windows keeps the number of a parent that has died; the others give it a new parent.
+        while os.getppid() == parent and psutil.pid_exists(parent):
             time.sleep(1)
         os._exit(1)
 

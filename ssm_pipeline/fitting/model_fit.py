@@ -89,6 +89,17 @@ def fit(
     and one Gauss–Newton step on scores and pose together.
     Source: Cootes 1995 (active shape models); Albrecht et al. 2013 for the posterior; Chen and
     Medioni 1991 for the distance along normals.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3, radius=40)
+    >>> wider = np.asarray(ball.vertices) * [1, 0, 0] / np.linalg.norm(ball.vertices[:, 0])
+    >>> model = ShapeModel(
+    ...     mean=ball.vertices, modes=wider[None], variances=np.array([50.0**2]), faces=ball.faces,
+    ...     scores=np.zeros((0, 1)), case_ids=(),
+    ... )
+    >>> seen = Mesh(model.reconstruct([1.5]) + 200, ball.faces, "elsewhere")
+    >>> np.round(fit(model, seen).scores, 1)
+    array([1.5])
     """
     problem = _Problem(model, surface, with_scale, points, np.random.default_rng(seed))
     frame = start or Similarity(1.0, np.eye(3), surface.vertices.mean(0) - model.mean.mean(0))

@@ -32,6 +32,11 @@ def decimate(mesh: Mesh, faces: int, fast_faces: int = 40_000) -> Mesh:
     angle: 1–9° before, 7–20° after). A mesh that is small enough is returned as it is.
     Raises CaseError if the mesh is not a closed manifold, or can't be brought to `faces`.
     Source: Garland and Heckbert 1997.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(4)
+    >>> len(ball.faces), len(decimate(Mesh(ball.vertices, ball.faces, "ball"), 2000).faces)
+    (5120, 2000)
     """
     check_decimation_available()
     if len(mesh.faces) <= faces:

@@ -18,15 +18,24 @@ from ssm_pipeline.spectral.gradients import gradient_operators
 from ssm_pipeline.spectral.settings import SpectralSettings
 
 
-def spectral_basis(mesh: Mesh, settings: SpectralSettings) -> SpectralBasis:
+def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> SpectralBasis:
     """Centre a mesh, scale it to unit area, and compute what the networks read of it.
 
+    settings  the number of eigenpairs; None: a study's default.
     Laplacian: cotangent weights of the intrinsic Delaunay triangulation (Sharp and Crane 2020),
     so that no weight is negative. Vertices without triangles weigh nothing and take the values of
     the nearest vertex that has some. Raises CaseError where the mesh has too few vertices, no
     area, or too many pieces for a spectrum.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3, radius=40)
+    >>> basis = spectral_basis(Mesh(ball.vertices, ball.faces, "ball"))
+    >>> basis.eigenvectors.shape
+    (642, 200)
+    >>> round(float(basis.eigenvalues[1] / (8 * np.pi)), 1)  # l (l + 1) / r², at unit area
+    1.0
     """
-    count = settings.eigenpairs
+    count = (settings or SpectralSettings()).eigenpairs
     used = np.unique(mesh.faces)
     if len(used) < 2 * count:
         raise CaseError(

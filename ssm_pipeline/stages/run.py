@@ -131,7 +131,12 @@ class Run:
 
 
 def load_run(folder: str | Path) -> Run:
-    """A run's results. Raises StudyError if the folder holds no run."""
+    """The results of a finished run, each read when it is first asked for.
+
+    folder   a run's, such as "runs/luna16".
+    Returns  `.model`, `.shapes` (N, V, 3) mm, `.mesh(case)`, `.path(case)`, `.metrics` and others.
+    Raises   StudyError if the folder holds no run.
+    """
     if not (Path(folder) / "study.json").is_file():
         raise StudyError(f"{folder} holds no run; give a folder such as runs/luna16.")
     return Run(Path(folder))

@@ -54,6 +54,13 @@ class StudySettings(Settings):
     report: ReportSettings = ReportSettings()
 
     @model_validator(mode="after")
+    def _phantoms_of_the_same_seed(self) -> StudySettings:
+        if isinstance(self.data, PhantomData) and "seed" not in self.data.model_fields_set:
+            drawn = self.data.model_copy(update={"seed": self.seed})
+            object.__setattr__(self, "data", drawn)
+        return self
+
+    @model_validator(mode="after")
     def _folds_to_retrain(self) -> StudySettings:
         if self.comparison.retrain and self.evaluation.folds < 2:
             raise ValueError(

@@ -147,7 +147,10 @@ class MeshFolderData(FolderData):
 
 
 class PhantomData(PhantomSettings):
-    """Synthetic organs with known correspondences, made in `<run>/data/phantoms`."""
+    """Synthetic organs with known correspondences, made in `<run>/data/phantoms`.
+
+    `seed`, where it is left out, is the study's.
+    """
 
     source: Literal["phantoms"] = "phantoms"
 

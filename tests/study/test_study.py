@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.stages.list import STAGES
 from ssm_pipeline.study.known_keys import known_keys
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import Luna16Data, PhantomData
@@ -142,3 +144,23 @@ def test_settings_survive_a_round_trip_through_yaml(tmp_path: Path):
     path = tmp_path / "again.yaml"
     path.write_text(settings.to_yaml())
     assert read_study(str(path)).settings == settings
+
+
+def test_phantoms_are_drawn_by_the_studys_seed_unless_they_have_their_own():
+    assert read_study("luna16").settings.data.seed == 0
+    assert read_study("luna16", changes=["seed=7"]).settings.data.seed == 7
+    own = read_study("luna16", changes=["seed=7", "data.seed=3"]).settings
+    assert (own.seed, own.data.seed) == (7, 3)
+    again = StudySettings.model_validate(own.model_dump())
+    assert (again.seed, again.data.seed) == (7, 3)
+
+
+def test_every_stage_that_draws_rests_on_the_seed():
+    """A stage whose settings do not change with the seed would be taken from the cache."""
+    one, other = (read_study("luna16", changes=[f"seed={seed}"]).settings for seed in (0, 1))
+    rests = {
+        stage.name: key_of(stage.settings(one)) != key_of(stage.settings(other))
+        for stage in STAGES
+    }
+    drawing = ("data", "training", "correspondence", "groupwise", "evaluation")
+    assert all(rests[name] for name in drawing), rests

@@ -1,0 +1,178 @@
+"""Surfaces in memory → matcher, correspondences, corresponded shapes: the pipeline as functions.
+
+The stages call the same functions of the rooms and keep what they return; here nothing is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ssm_pipeline.adaptation import correspond as one_pair
+from ssm_pipeline.adaptation.pose import CoarsePair
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.engine.process import chosen_device
+from ssm_pipeline.meshing.decimation import decimate
+from ssm_pipeline.methods import PairMethod
+from ssm_pipeline.records import (
+    CorrespondedShapes,
+    Correspondence,
+    Mesh,
+    SpectralBasis,
+    StudyError,
+)
+from ssm_pipeline.shape_model.correspondence import collect
+from ssm_pipeline.shape_model.groupwise import groupwise_rounds
+from ssm_pipeline.shape_model.settings import GroupwiseSettings
+from ssm_pipeline.spectral.basis import spectral_basis
+from ssm_pipeline.training import train as pairs
+from ssm_pipeline.training.matcher import Matcher
+from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.template import choose_template
+
+MeshOrBasis = Mesh | SpectralBasis
+
+
+def train(
+    surfaces: Sequence[MeshOrBasis],
+    steps: int | None = None,
+    settings: TrainingSettings | None = None,
+    seed: int = 0,
+    device: str | None = None,
+) -> Matcher:
+    """Train a matcher on the pairs of a cohort, without labels.
+
+    surfaces  meshes in mm, which are coarsened first as a study's are (`settings.faces`); or
+              spectral bases, taken as they are.
+    steps     optimiser steps, one pair each; None: as `settings` say.
+    seed      of the first weights and of the order of the pairs.
+    device    "cpu", "cuda"; None: cuda where there is one.
+    Raises    StudyError for fewer than two surfaces, CaseError for one that can't be used.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> meshes = [
+    ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
+    ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
+    ... ]
+    >>> matcher = train(meshes, steps=2, device="cpu")
+    >>> matcher.trained_on
+    ('case_0', 'case_1', 'case_2')
+    """
+    settings = settings or TrainingSettings()
+    if steps is not None:
+        settings = settings.model_copy(update={"steps": steps})
+    bases = [_as_trained_on(surface, settings) for surface in surfaces]
+    return pairs.train(bases, settings, seed, chosen_device(device))
+
+
+def correspond(
+    template: MeshOrBasis,
+    case: MeshOrBasis,
+    matcher: Matcher | None,
+    method: PairMethod = "full",
+    settings: AdaptationSettings | None = None,
+    seed: int = 0,
+) -> Correspondence:
+    """Match a template to a case: for each of its vertices, a point on the case's surface.
+
+    template, case  surfaces in mm. Meshes are also read at the density the matcher was trained at.
+    matcher         of `train`; None for the methods that use no network.
+    method          "full", or an ablation: see `adaptation.correspond`.
+    seed            of the points that alignment and adaptation draw on both surfaces.
+    Returns         `match.points_on(case)` are the points, (V_template, 3) mm.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> template = Mesh(ball.vertices * [30, 40, 50], ball.faces, "template")
+    >>> case = Mesh(ball.vertices * [33, 39, 55], ball.faces, "case")
+    >>> match = correspond(template, case, matcher=None, method="adaptation only")
+    >>> match.points_on(case).shape
+    (642, 3)
+    """
+    coarse: CoarsePair | None = None
+    if matcher is not None and isinstance(template, Mesh) and isinstance(case, Mesh):
+        coarse = (
+            _as_trained_on(template, matcher.settings),
+            _as_trained_on(case, matcher.settings),
+        )
+    return one_pair.correspond(
+        _basis(template), _basis(case), matcher, settings or AdaptationSettings(), method, coarse,
+        seed,
+    )
+
+
+def match_cohort(
+    meshes: Sequence[Mesh],
+    matcher: Matcher | None,
+    template: str | None = None,
+    rounds: int | None = None,
+    method: PairMethod = "full",
+    settings: AdaptationSettings | None = None,
+    seed: int = 0,
+) -> CorrespondedShapes:
+    """Put a cohort into correspondence: a template matched to all, then the mean shape, in rounds.
+
+    meshes    closed surfaces in mm, of a few thousand triangles each (`decimate`), in any position;
+              each lies the way the others do, to about 40 degrees.
+    matcher   of `train`; None for the methods that use no network.
+    template  the case that is matched to all others; None: the one whose mean loss is smallest, or
+              without a matcher the first.
+    rounds    groupwise rounds: the mean of the shapes so far is adapted to every case anew. None:
+              as a study does; 0: the template alone.
+    Returns   (N, V, 3) mm, each case in its own position, on the template's faces.
+    Raises    StudyError for a template that is none of the cases.
+
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> meshes = [
+    ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
+    ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
+    ... ]
+    >>> shapes = match_cohort(meshes, matcher=None, method="adaptation only", rounds=1)
+    >>> shapes.vertices.shape, shapes.template_id
+    ((3, 642, 3), 'case_0')
+    """
+    settings = settings or AdaptationSettings()
+    rounds = GroupwiseSettings().rounds if rounds is None else rounds
+    by_id = {mesh.case_id: index for index, mesh in enumerate(meshes)}
+    if template is not None and template not in by_id:
+        raise StudyError(f"the template {template} is none of the cases: {', '.join(by_id)}.")
+    bases = [spectral_basis(mesh) for mesh in meshes]
+    coarse = [_as_trained_on(mesh, matcher.settings) for mesh in meshes] if matcher else None
+    if template is None:
+        template = choose_template(matcher, coarse)[0] if matcher and coarse else next(iter(by_id))
+    chosen = by_id[template]
+    matches = [
+        one_pair.correspond(
+            bases[chosen],
+            basis,
+            matcher,
+            settings,
+            method,
+            (coarse[chosen], coarse[index]) if coarse else None,
+            seed,
+        )
+        for index, basis in enumerate(bases)
+    ]
+
+    def match_means(number: int, starts: Mapping[str, np.ndarray]) -> list[Correspondence]:
+        return [
+            one_pair.correspond_again(starts[basis.case_id], bases[chosen], basis, settings, seed)
+            for basis in bases
+        ]
+
+    shapes = collect(meshes[chosen], matches, meshes)
+    return groupwise_rounds(shapes, meshes, rounds, match_means)
+
+
+def _basis(surface: MeshOrBasis) -> SpectralBasis:
+    return surface if isinstance(surface, SpectralBasis) else spectral_basis(surface)
+
+
+def _as_trained_on(surface: MeshOrBasis, settings: TrainingSettings) -> SpectralBasis:
+    """The basis of a coarser mesh, as dense as those that are trained on."""
+    if isinstance(surface, SpectralBasis):
+        return surface
+    return spectral_basis(decimate(surface, settings.faces))

@@ -1,0 +1,29 @@
+"""Corresponded shapes → the shape model, in one call."""
+
+from __future__ import annotations
+
+from ssm_pipeline.records import CorrespondedShapes
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.shape_model.pca import build
+
+
+def build_model(shapes: CorrespondedShapes, with_scale: bool = False) -> ShapeModel:
+    """Align shapes that correspond, and find their mean and modes of variation.
+
+    shapes      N >= 3 cases, (N, V, 3) mm, each in its own position: of `match_cohort`, or of any
+                other method whose vertex v is the same point in all cases.
+    with_scale  whether alignment also takes the size away; by default size is a mode.
+    Returns     all modes, at most N − 1, in mm, with the cases' scores.
+    Raises      StudyError for fewer than three shapes.
+
+    >>> import numpy as np
+    >>> corners = np.array([[0.0, 0, 0], [30, 0, 0], [0, 40, 0], [0, 0, 50]])
+    >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    >>> vertices = np.stack([corners * size + 100 * size for size in (0.9, 1.0, 1.2)])
+    >>> shapes = CorrespondedShapes(vertices, faces, ("a", "b", "c"), template_id="b")
+    >>> model = build_model(shapes)
+    >>> model.modes_for(0.999)  # they differ in size alone, wherever they lie
+    1
+    """
+    return build(align(shapes, with_scale=with_scale)[0])
