@@ -395,6 +395,99 @@ def _options(
     """`main` takes --debug out of the line, wherever it stands."""
 
 
+@app.command()
+def fit(
+    run_folder: RunFolder,
+    patients: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Masks or surfaces of new patients.")
+    ],
+    folder: Annotated[Path, typer.Option("--out", help="Where to.")] = Path("fits"),
+    by: Annotated[
+        str, typer.Option(help="model: it finds its own place; matcher: network and adaptation.")
+    ] = "model",
+    label: Annotated[
+        list[int] | None,
+        typer.Option("--label", help="Label in the masks; the study's own.", show_default=False),
+    ] = None,
+    mirror: Annotated[
+        bool, typer.Option("--mirror", help="Reflect them, as data.mirror does with one side.")
+    ] = False,
+    jobs: Jobs = None,
+) -> None:
+    """Fit new patients: scores, reconstruction, what is missing, and whether to believe it."""
+    from ssm_pipeline.commands.fit_patients import fit_patients
+    from ssm_pipeline.engine.process import default_jobs
+    from ssm_pipeline.engine.terminal import Terminal
+
+    terminal = Terminal()
+    jobs = jobs or default_jobs()
+    fit_patients(run_folder, patients, folder, by, tuple(label or ()), mirror, jobs, terminal)
+    terminal.say(f"page: {folder / 'index.html'}")
+
+
+@app.command()
+def compare(
+    run_folder: RunFolder,
+    covariates: Annotated[Path, typer.Option("--covariates", help="A .tsv or .csv, a row a case.")],
+    formula: Annotated[str, typer.Option("--formula", help='As "~ sex + age".')],
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", help="Where to; the run's own compare folder.", show_default=False),
+    ] = None,
+    modes: Annotated[
+        int | None,
+        typer.Option(min=1, help="Modes tested together; 90 % of variance.", show_default=False),
+    ] = None,
+    permutations: Annotated[int, typer.Option(min=99, help="Of the tests.")] = 4999,
+) -> None:
+    """Test shape against covariates: groups, regression, maps of where, and power."""
+    from ssm_pipeline.commands.compare_cases import compare_cases
+
+    compare_cases(run_folder, covariates, formula, folder, modes, permutations)
+
+
+@app.command()
+def transfer(
+    run_folder: RunFolder,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(help="Slicer's .mrk.json, on the template.", show_default=False),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(help="CSV: vertex of the template, label.", show_default=False),
+    ] = None,
+    fits: Annotated[
+        Path | None,
+        typer.Option(help="Folder of `workflow fit`: its patients too.", show_default=False),
+    ] = None,
+    folder: Annotated[Path, typer.Option("--out", help="Where to.")] = Path("carried"),
+) -> None:
+    """Landmarks and labels of the template on every case, in its scan's millimetres."""
+    from ssm_pipeline.commands.transfer import transfer as carry
+
+    written = carry(run_folder, folder, landmarks, labels, fits)
+    typer.echo(f"wrote {len(written)} files to {folder}")
+
+
+@app.command(name="import")
+def import_(
+    model: Annotated[Path, typer.Argument(help="A Statismo .h5, or an .npz of ours.")],
+    name: Annotated[
+        str | None, typer.Option(help="Of the run; the file's.", show_default=False)
+    ] = None,
+    label: Annotated[
+        list[int] | None,
+        typer.Option("--label", help="The organ's in masks to be fitted.", show_default=False),
+    ] = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Another program's model as a run that view, fit and export accept."""
+    from ssm_pipeline.commands.import_model import import_model
+
+    typer.echo(str(import_model(model, name, runs, tuple(label or ()))))
+
+
 def main() -> None:
     """Entry point: an error is one message; its traceback is in the run's log, or asked for."""
     # OpenMP threads that wait shall sleep, not spin: beside other work on the cores, spinning

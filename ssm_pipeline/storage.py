@@ -46,9 +46,11 @@ WHAT_TO_TRY = {
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def written_whole(path: Path, mode: int = 0o644) -> Iterator[Path]:
     """Yield a temporary sibling of `path`; move it there only if the block succeeds.
 
+    mode    who may read it, from its first byte on: a run folder is shared, so all by default;
+            0o600: its owner.
     Raises StudyError where the disk is full, or the folder can't be written to.
     """
     try:
@@ -60,7 +62,7 @@ def written_whole(path: Path) -> Iterator[Path]:
         temporary = Path(name)
         try:
             yield temporary
-            temporary.chmod(0o644)  # mkstemp makes it private; a run folder is shared
+            temporary.chmod(mode)  # until here mkstemp has kept it private
             _reach_disk(temporary)
             temporary.replace(path)
             _reach_disk(path.parent)

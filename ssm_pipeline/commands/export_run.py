@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import importlib.metadata
 from collections.abc import Sequence
 from pathlib import Path
 
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import clear_former_model, note_export
 from ssm_pipeline.commands.pseudonyms import KEY_FILE, pseudonyms_of
+from ssm_pipeline.export.about import About, write_about
+from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import Run, load_run
 
 FORMATS = ("npz", "csv", "glb", "ply", "vtp", "statismo", "shapeworks")
 ABOUT_FILE = "export.json"
+# Settings that say how the model was made; none of them holds an id, a path or a name.
+TOLD_SECTIONS = ("meshing", "adaptation", "groupwise", "shape_model")
 
 
 def export_run(
@@ -38,28 +43,42 @@ def export_run(
     names = {case_id: case_id for case_id in run.cases}
     if pseudonymise:
         names = pseudonyms_of(run.cases, run_folder)
+    # In the order of the new names: that of the old ones would tell them.
+    cases = sorted(run.cases, key=lambda case_id: names[case_id]) if pseudonymise else run.cases
     about = folder / ABOUT_FILE
     before = storage.read_json(about) if about.is_file() else {}
-    written = _write(run, folder, wanted, names)
+    written = _write(run, folder, wanted, names, cases)
     key = next(record.key for record in run.stages if record.stage == "shape_model")
     files = clear_former_model(folder, before, key, written)
     content = _about(run, pseudonymise, names) | {"model_key": key, "files": files}
     storage.write_json(about, content)
     note_export(run_folder, folder)
-    return [*written, about]
+    return [*written, about, *write_about(_in_words(run, pseudonymise), folder)]
 
 
-def _write(run: Run, folder: Path, formats: Sequence[str], names: dict[str, str]) -> list[Path]:
-    case_ids = tuple(names[case_id] for case_id in run.cases)
-    model = dataclasses.replace(run.model, case_ids=case_ids)
+def _write(
+    run: Run,
+    folder: Path,
+    formats: Sequence[str],
+    names: dict[str, str],
+    cases: Sequence[str],
+) -> list[Path]:
+    order = [run.cases.index(case_id) for case_id in cases]
+    case_ids = tuple(names[case_id] for case_id in cases)
+    model = dataclasses.replace(run.model, scores=run.model.scores[order], case_ids=case_ids)
     written: list[Path] = []
     if "npz" in formats:
         model.save(folder / "model.npz")
         written.append(folder / "model.npz")
     if "csv" in formats:
+        from ssm_pipeline.export.measurements import measurements
         from ssm_pipeline.export.tables import write_tables
 
         written += write_tables(model, folder)
+        written.append(folder / "measurements.csv")
+        table = measurements(model, case_ids, [run.mesh(case_id) for case_id in cases])
+        with storage.written_whole(written[-1]) as temporary:
+            table.to_csv(temporary, index=False)
     if "glb" in formats:
         from ssm_pipeline.export.glb import write_glb
 
@@ -84,11 +103,11 @@ def _write(run: Run, folder: Path, formats: Sequence[str], names: dict[str, str]
         from ssm_pipeline.export.shapeworks import write_project
 
         shapes = dataclasses.replace(
-            run.shapes, case_ids=case_ids, template_id=names[run.template_id]
+            run.shapes.subset(order), case_ids=case_ids, template_id=names[run.template_id]
         )
-        frames, meshes = run.frames, [run.mesh(case_id) for case_id in run.cases]
+        frames, meshes = run.frames, [run.mesh(case_id) for case_id in cases]
         project = folder / "shapeworks" / "model.swproj"
-        written += write_project(shapes, [frames[case] for case in run.cases], meshes, project)
+        written += write_project(shapes, [frames[case] for case in cases], meshes, project)
     return written
 
 
@@ -104,6 +123,42 @@ def _about(run: Run, pseudonymised: bool, names: dict[str, str]) -> dict[str, ob
         "modes": run.model.mode_count,
         "size_removed": run.settings["shape_model"]["with_scale"],
     }
+
+
+def _in_words(run: Run, pseudonymised: bool) -> About:
+    """For README and model card. Of the settings nothing that names a case, a folder or a file."""
+    settings = run.settings
+    told = {
+        f"{section}.{key}": value
+        for section in TOLD_SECTIONS
+        for key, value in settings.get(section, {}).items()
+        if not isinstance(value, dict | list)
+    }
+    return About(
+        study=run.folder.resolve().name,
+        cases=len(run.cases),
+        modes=run.model.mode_count,
+        modes_for_90=run.model.modes_for(0.9),
+        synthetic=settings["data"]["source"] == "phantoms",
+        pseudonymised=pseudonymised,
+        size_removed=settings["shape_model"]["with_scale"],
+        settings=told | {"seed": settings["seed"]},
+        metrics=_quality(run),
+        version=importlib.metadata.version("ssm-pipeline"),
+    )
+
+
+def _quality(run: Run) -> list[str]:
+    """The full method's numbers with all modes, a line a measure; none of an imported model."""
+    table = run.metrics.tables.get("comparison")
+    if table is None:
+        return []
+    row = table[table["method"] == FULL].iloc[0]
+    return [
+        f"{name.removesuffix('_mm').replace('_', ' ')}: {row[name]:.2f} mm"
+        for name in table.columns
+        if name.endswith("_mm") and not name.endswith(("_se_mm", "_low_mm", "_high_mm"))
+    ]
 
 
 def _refuse_to_mix(folder: Path, run_folder: Path, pseudonymise: bool) -> None:

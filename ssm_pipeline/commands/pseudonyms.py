@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,15 +15,19 @@ KEY_FILE = "pseudonyms.csv"
 
 
 def pseudonyms_of(case_ids: Sequence[str], run_folder: Path) -> dict[str, str]:
-    """Case id → case_001, …; new cases take the next free numbers and are added to the key file.
+    """Case id → case_001, …; new cases take the next free numbers and are added to the key file,
+    which only its owner may read.
 
     A number is never given twice, even if its case has left the study: two exports of a study that
-    grew must not call two people by one name.
+    grew must not call two people by one name. Which new case gets which number is drawn by the
+    system's own generator, not by the study's seed: ids are often sorted by date or name, and who
+    knows them must not be able to count.
     """
     path = run_folder / KEY_FILE
     known = _known(path)
     new = [case_id for case_id in case_ids if case_id not in known]
     if new:
+        secrets.SystemRandom().shuffle(new)
         known |= {
             case_id: f"case_{number:03d}"
             for number, case_id in enumerate(new, start=len(known) + 1)
@@ -57,5 +62,5 @@ def _known(path: Path) -> dict[str, str]:
 
 def _write(known: dict[str, str], path: Path) -> None:
     table = pd.DataFrame({"case_id": list(known), "pseudonym": list(known.values())})
-    with storage.written_whole(path) as temporary:
-        table.to_csv(temporary, index=False)
+    with storage.written_whole(path, mode=0o600) as temporary:
+        table.sort_values("pseudonym").to_csv(temporary, index=False)

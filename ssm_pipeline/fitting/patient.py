@@ -99,7 +99,9 @@ def fit_patient(
     A surface that fits upside down or mirrored is fitted so, or as it lies, and flagged.
     """
     own, turned, mirror_ratio = best_fit(model, surface, reference, with_scale, seed)
-    typicality = judge(own.residual_mm, own.mahalanobis, turned, mirror_ratio, reference)
+    typicality = judge(
+        own.residual_mm, own.mahalanobis, turned, mirror_ratio, own.frame.scale, reference
+    )
     fitted, remarks = own, []
     if matched is not None:
         fitted = fit_points(model, matched, surface, with_scale)

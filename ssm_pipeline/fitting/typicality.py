@@ -55,9 +55,13 @@ def judge(
     mahalanobis: float,
     turned_deg: float,
     mirror_ratio: float,
+    size: float,
     reference: CrossValidation,
 ) -> Typicality:
-    """Hold a fit against those of the model's own cases, each fitted without itself."""
+    """Hold a fit against those of the model's own cases, each fitted without itself.
+
+    size  of the patient against the mean, where the model is without size; else 1.
+    """
     residual = tail_of(residual_mm, reference.residual_mm)
     distance = tail_of(mahalanobis, reference.mahalanobis)
     turned_threshold = max(TURNED_DEG, TURNED_TIMES * float(reference.turned_deg.max()))
@@ -85,6 +89,15 @@ def judge(
             f"kind, one in {1 / TAIL:.0f} is more than {distance.threshold:.1f} away."
         )
     return Typicality(residual, distance, turned_deg, turned_threshold, mirror_ratio, tuple(flags))
+
+
+def usual_sizes(reference: CrossValidation) -> tuple[float, float]:
+    """Between which sizes 99 in 100 of the model's kind are; (1, 1) where size is no part of the
+    pose."""
+    logs = np.log(reference.size)
+    spread = float(logs.std(ddof=1)) * np.sqrt(1 + 1 / len(logs))
+    reach = spread * float(student_t.isf(TAIL / 2, len(logs) - 1))
+    return float(np.exp(logs.mean() - reach)), float(np.exp(logs.mean() + reach))
 
 
 def tail_of(value: float, seen: np.ndarray) -> Judged:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import shutil
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -96,13 +97,21 @@ def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: P
 
 
 def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path):
-    assert pseudonyms_of(["b", "007"], tmp_path) == {"b": "case_001", "007": "case_002"}
-    assert pseudonyms_of(["a", "007", "NA"], tmp_path) == {
-        "a": "case_003",
-        "007": "case_002",
-        "NA": "case_004",
-    }
-    assert pseudonyms_of(["b"], tmp_path) == {"b": "case_001"}
+    first = pseudonyms_of(["b", "007"], tmp_path)
+    assert set(first.values()) == {"case_001", "case_002"}
+    second = pseudonyms_of(["a", "007", "NA"], tmp_path)
+    assert second["007"] == first["007"]
+    assert {second["a"], second["NA"]} == {"case_003", "case_004"}
+    assert pseudonyms_of(["b"], tmp_path) == {"b": first["b"]}
+
+
+def test_pseudonyms_are_not_numbered_as_the_ids_are_sorted(tmp_path: Path):
+    ids = [f"visit-{year}" for year in range(1980, 2020)]
+    names = list(pseudonyms_of(ids, tmp_path).values())
+    assert sorted(names) != names  # one order of 40! is the ids' own
+    # Drawn by the system, not by a seed: another study's are other ones.
+    assert list(pseudonyms_of(ids, tmp_path / "other").values()) != names
+    assert stat.S_IMODE((tmp_path / "pseudonyms.csv").stat().st_mode) == 0o600
 
 
 def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path):

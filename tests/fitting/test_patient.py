@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from cohorts import TURN, bumpy_cohort, surfaces_of
@@ -19,7 +21,7 @@ from ssm_pipeline.fitting.cross_validation import (
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.fitting.patient import fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
-from ssm_pipeline.fitting.typicality import TAIL, tail_of
+from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
@@ -128,6 +130,18 @@ def test_one_in_a_hundred_of_the_kind_is_flagged():
     assert abs(flagged - TAIL) < 0.0064
     judged = tail_of(3.0, draws[0, 1:])
     assert tail_of(judged.threshold, draws[0, 1:]).tail == pytest.approx(TAIL)
+
+
+def test_a_child_is_flagged_by_a_model_without_size(cohort):
+    """Residual and shape are those of any other, so that nothing but the size could tell."""
+    reference = cohort[2]
+    sizes = np.exp(np.random.default_rng(0).normal(0, 0.1, len(reference.size)))
+    without_size = dataclasses.replace(reference, size=sizes)
+    usual = (float(reference.residual_mm[0]), float(reference.mahalanobis[0]), 0.0, 2.0)
+    (flag,) = judge(*usual, 0.5, without_size).flags
+    assert flag.startswith("size: 0.50 times the mean")
+    assert judge(*usual, 1.05, without_size).flags == ()
+    assert judge(*usual, 1.0, reference).flags == ()  # a model with size: it is a mode
 
 
 def test_score_inflation_undoes_a_wrong_standard_deviation():

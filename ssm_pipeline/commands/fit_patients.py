@@ -1,0 +1,179 @@
+"""`workflow fit`: patients who are not in the model, held against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ssm_pipeline import storage
+from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.engine.keys import key_of, key_of_arrays
+from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.fitting.cross_validation import FEWEST_CASES, CrossValidation, cross_validate
+from ssm_pipeline.fitting.partial import opened_at_image_border
+from ssm_pipeline.fitting.patient import FitReport, fit_patient
+from ssm_pipeline.geometry.surface import volume
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mask, Mesh, StudyError, Surface
+from ssm_pipeline.stages.run import Run, load_run
+from ssm_pipeline.study.new_patient import read_patient
+from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.study import read_run_settings
+
+WAYS = ("model", "matcher")
+DRAWN_CASES = 20
+
+
+def fit_patients(
+    run_folder: Path,
+    files: Sequence[Path],
+    folder: Path,
+    by: str = "model",
+    labels: tuple[int, ...] = (),
+    mirror: bool = False,
+    jobs: int = 1,
+    terminal: Terminal | None = None,
+) -> list[FitReport]:
+    """Fit every file, and write tables, surfaces and a page to `folder`.
+
+    A file that can't be read is said so and left out. Raises StudyError where none is left.
+    """
+    terminal = terminal or Terminal()
+    run, settings = load_run(run_folder), read_run_settings(run_folder)
+    if by not in WAYS:
+        raise StudyError(f"--by {by}: {' or '.join(WAYS)} is needed.")
+    _refuse_doubled(files)
+    shapes = shapes_to_judge_by(run, settings, terminal)
+    reference = reference_of(run, shapes, settings, jobs, terminal)
+    fits: list[FitReport] = []
+    for path in files:
+        try:
+            surface = patient_surface(read_patient(path, settings.data, labels, mirror), settings)
+            matched = _matched(run, settings, surface, terminal) if by == "matcher" else None
+            fit = fit_patient(
+                run.model,
+                shapes,
+                reference,
+                surface,
+                settings.shape_model.with_scale,
+                matched,
+                settings.seed,
+                jobs,
+            )
+        except CaseError as error:
+            terminal.say(f"left out {error.case_id}: {error.reason}")
+            continue
+        fits.append(fit)
+        terminal.say(
+            f"{fit.case_id}   {fit.mean_mm:.2f} mm   HD95 {fit.hd95_mm:.2f} mm   "
+            f"{fit.typicality.mahalanobis.value:.1f} SD from the mean"
+        )
+        for line in (*fit.typicality.flags, *fit.remarks):
+            terminal.say(f"      {line}")
+    if not fits:
+        raise StudyError("no patient could be fitted; the lines above say why.")
+    from ssm_pipeline.export.fits import write_fits
+    from ssm_pipeline.report.fit_page import write_fit_page
+
+    note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
+    write_fits(fits, folder)
+    is_synthetic = settings.is_synthetic
+    write_fit_page(fits, folder / "index.html", run.folder.resolve().name, is_synthetic)
+    return fits
+
+
+def shapes_to_judge_by(run: Run, settings: StudySettings, terminal: Terminal) -> CorrespondedShapes:
+    """The run's own cases; where they are too few, shapes drawn from the model in their place."""
+    shapes, model = run.shapes, run.model
+    if len(shapes.case_ids) >= FEWEST_CASES:
+        return shapes
+    count = max(DRAWN_CASES, 2 * model.mode_count)
+    terminal.say(
+        f"the model has {len(shapes.case_ids)} cases of its own, and fits are judged by "
+        f"{FEWEST_CASES} or more: by {count} shapes drawn from the model instead. Those are more "
+        "alike than patients, so thresholds and intervals are too narrow."
+    )
+    drawn = model.sample(count, np.random.default_rng(settings.seed))
+    ids = tuple(f"drawn_{index:03d}" for index in range(count))
+    return CorrespondedShapes(drawn, model.faces, ids, ids[0])
+
+
+def reference_of(
+    run: Run, shapes: CorrespondedShapes, settings: StudySettings, jobs: int, terminal: Terminal
+) -> CrossValidation:
+    """The cross-validation of a run's model, made once and kept in `<run>/fitting/`."""
+    key = key_of(key_of_arrays(shapes.vertices), settings.shape_model, settings.seed)
+    path = run.folder / "fitting" / f"cross_validation-{key[:12]}.npz"
+    if path.is_file():
+        return storage.load(CrossValidation, path)
+    terminal.say(f"fitting the model's own {len(shapes.case_ids)} cases, each left out, once")
+    own = shapes.case_ids == run.cases
+    meshes = [
+        run.mesh(case_id) if own else Mesh(vertices, shapes.faces, case_id)
+        for case_id, vertices in zip(shapes.case_ids, shapes.vertices, strict=True)
+    ]
+    with_scale = settings.shape_model.with_scale
+    reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs)
+    storage.save(reference, path)
+    return reference
+
+
+def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
+    """The surface of a mask as the study makes it, open where the image ended; a surface as it is,
+    its faces turned outward."""
+    if isinstance(patient, Surface):
+        middle = patient.vertices.mean(axis=0)
+        # Of an open surface too: seen from its middle, most of it looks away.
+        inward = volume(patient.vertices - middle, patient.faces) < 0
+        faces = patient.faces[:, ::-1] if inward else patient.faces
+        return Mesh(patient.vertices, faces, patient.case_id)
+    from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+
+    mesh, quality = mesh_from_mask(patient, settings.meshing)
+    margin = 2 * quality.smoothing_mm + quality.voxel_mm
+    return opened_at_image_border(mesh, patient, margin)
+
+
+def _matched(run: Run, settings: StudySettings, surface: Mesh, terminal: Terminal) -> np.ndarray:
+    """(V, 3) mm: the surface where the template's vertices are, by the network, adaptation, and the
+    study's groupwise rounds. Raises CaseError for an open surface."""
+    from ssm_pipeline.adaptation.correspond import correspond, correspond_again
+    from ssm_pipeline.geometry.topology import is_oriented_manifold
+    from ssm_pipeline.shape_model.groupwise import placed_means
+    from ssm_pipeline.spectral.basis import spectral_basis
+    from ssm_pipeline.training.matcher import load_matcher
+
+    if not is_oriented_manifold(surface.faces):
+        raise CaseError(
+            surface.case_id,
+            "the surface is open or no manifold, and can't be matched. Fit it --by model.",
+        )
+    matcher_file = run.folder / "training" / "matcher.pt"
+    if not matcher_file.is_file():
+        raise StudyError(f"{run.folder} has no trained matcher. Fit --by model.")
+    template = spectral_basis(run.mesh(run.template_id), settings.spectral)
+    case = spectral_basis(surface, settings.spectral)
+    match = correspond(template, case, load_matcher(matcher_file), settings.adaptation)
+    points = match.points_on(surface)
+    for _ in range(settings.groupwise.rounds):
+        with_patient = CorrespondedShapes(
+            np.concatenate([run.shapes.vertices, points[None]]),
+            run.shapes.faces,
+            (*run.shapes.case_ids, surface.case_id),
+            run.shapes.template_id,
+        )
+        start = placed_means(with_patient, run.shapes.case_ids)[surface.case_id]
+        again = correspond_again(start, template, case, settings.adaptation)
+        points = again.points_on(surface)
+    return points
+
+
+def _refuse_doubled(files: Sequence[Path]) -> None:
+    names = [path.name.split(".")[0] if path.suffix == ".gz" else path.stem for path in files]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        raise StudyError(
+            f"two files are called {', '.join(doubled)}; results are kept by that name. Rename "
+            "one, or fit them one after the other into folders of their own."
+        )

@@ -1,0 +1,135 @@
+"""`workflow import`: another program's model as a run that view, fit and export accept."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of_arrays
+from ssm_pipeline.engine.ownership import OWNER_FILE
+from ssm_pipeline.engine.process import versions
+from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.export.statismo_reading import read_statismo
+from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.methods import FULL
+from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
+from ssm_pipeline.shape_model.model import ShapeModel, load_model
+from ssm_pipeline.stages.run import Frames, Run
+from ssm_pipeline.study.settings import StudySettings
+
+READERS = {".h5": read_statismo, ".npz": load_model}
+MEAN = "mean"  # stands in for the cases where the file holds none
+
+
+def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ...]) -> Path:
+    """Write the run folder `runs/<name>` of a model, and its report. Returns the folder.
+
+    The cases are those of the file's scores, as the model makes them; without scores, the mean
+    alone. labels: of the organ in masks that `workflow fit` will be given.
+    Raises StudyError for a file that is no model, and for a folder that is in use.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise StudyError(f"{path} is neither {' nor '.join(READERS)}; a model is one of these.")
+    model = reader(path)
+    folder = runs / (name or path.stem)
+    if folder.exists() and any(folder.iterdir()):
+        raise StudyError(f"{folder} is in use. Choose another name with --name.")
+    if not model.case_ids:
+        model = ShapeModel(
+            model.mean,
+            model.modes,
+            model.variances,
+            model.faces,
+            np.zeros((1, model.mode_count)),
+            (MEAN,),
+        )
+    settings = StudySettings.model_validate(
+        {
+            "description": f"A model imported from {path.name}",
+            "data": {"source": "masks", "labels": list(labels or (1,))},
+        }
+    )
+    _write_run(model, settings, folder)
+    _write_report(folder, settings)
+    return folder
+
+
+def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None:
+    """The files of the stages that a finished run would have left, as far as a model tells."""
+    case_ids = model.case_ids
+    shapes = CorrespondedShapes(model.reconstruct(model.scores), model.faces, case_ids, case_ids[0])
+    still = tuple(Similarity.identity() for _ in case_ids)
+    for case_id, vertices in zip(case_ids, shapes.vertices, strict=True):
+        mesh = Mesh(vertices, model.faces, case_id)
+        storage.save(mesh, folder / "meshing" / case_id / "mesh.npz")
+    tables = {
+        "meshing/quality": pd.DataFrame(
+            {
+                "case_id": case_ids,
+                "vertices": len(model.mean),
+                "faces": len(model.faces),
+                "warnings": "",
+            }
+        ),
+        "evaluation/compactness": pd.DataFrame(
+            {
+                "method": FULL,
+                "modes": np.arange(1, model.mode_count + 1),
+                "variance_mm2": model.variances,
+                "compactness": model.compactness,
+            }
+        ),
+        "evaluation/correspondence": pd.DataFrame(
+            columns=["case_id", "method", "seed", "fit_mm", "fit_hd95_mm"]
+        ),
+    }
+    for place, table in tables.items():
+        with storage.written_whole(folder / f"{place}.csv") as temporary:
+            table.to_csv(temporary, index=False)
+    storage.write_json(folder / "correspondence" / "template.json", {"template_id": case_ids[0]})
+    storage.save(shapes, folder / "groupwise" / "shapes.npz")
+    storage.save(shapes, folder / "shape_model" / "aligned.npz")
+    storage.save(Frames(case_ids, still), folder / "shape_model" / "frames.npz")
+    model.save(folder / "shape_model" / "model.npz")
+    storage.write_text(folder / "study.yaml", settings.to_yaml())
+    key = key_of_arrays(model.mean, model.modes, model.variances)
+    for stage in ("meshing", "correspondence", "groupwise", "shape_model", "evaluation", "report"):
+        _record(stage, case_ids, key).write(folder / stage)
+    owner = {
+        "study": folder.name,
+        "synthetic": False,
+        "data": settings.description,
+        "cases": dict.fromkeys(case_ids, key),
+    }
+    storage.write_json(folder / OWNER_FILE, owner)
+
+
+def _record(stage: str, case_ids: tuple[str, ...], key: str) -> StageRecord:
+    return StageRecord(
+        stage=stage,
+        key=key,
+        settings={},
+        seed=0,
+        inputs={},
+        versions=versions(),
+        finished_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        seconds=0.0,
+        peak_memory_mb=0.0,
+        cases_in=list(case_ids),
+        cases_out=list(case_ids),
+        dropped=[],
+        case_keys={},
+        note="imported",
+    )
+
+
+def _write_report(folder: Path, settings: StudySettings) -> None:
+    from ssm_pipeline.report.page import write_page
+    from ssm_pipeline.stages.report import report_content
+
+    write_page(report_content(Run(folder)), folder / "report" / "index.html", settings.report)

@@ -1,0 +1,288 @@
+"""`workflow import`, `fit`, `compare`, `transfer`, `export`, on a made-up model of twelve cases."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import runpy
+import shutil
+import stat
+import sys
+import types
+import zipfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import pyvista
+import SimpleITK as sitk
+import trimesh
+from command_line import Workflow
+from tiny_study import write_balls
+
+from ssm_pipeline import load_run
+from ssm_pipeline.commands.import_model import import_model
+from ssm_pipeline.geometry.surface import area, volume
+from ssm_pipeline.records import CorrespondedShapes
+from ssm_pipeline.report.landmarks import landmarks_from_markups
+from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.shape_model.pca import build
+
+IDS = tuple(f"patient-{index:02d}-Miller" for index in range(12))
+
+
+def cohort() -> CorrespondedShapes:
+    """Twelve uneven ellipsoids of 60 mm in correspondence: three modes and some roughness."""
+    ball = trimesh.creation.icosphere(3)
+    generator = np.random.default_rng(2)
+    unit = ball.vertices
+    points = unit * [22.0, 27.0, 33.0] * (1 + 0.15 * np.sin(unit @ [[1.1], [-0.7], [1.6]] * 2))
+    shapes = []
+    for _ in IDS:
+        stretch = 1 + 0.06 * generator.standard_normal(3)
+        wave = np.sin(unit @ (2 * generator.standard_normal(3)) + 6 * generator.random())
+        shapes.append(points * stretch + 0.5 * wave[:, None] * unit)
+    return CorrespondedShapes(np.stack(shapes), np.asarray(ball.faces), IDS, IDS[0])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("clinic")
+    build(align(cohort())[0]).save(folder / "organ.npz")
+    return import_model(folder / "organ.npz", None, folder / "runs", (3,))
+
+
+def in_an_image(run: Path, path: Path, slices: int | None = None) -> None:
+    """A new case of the model as a label image, label 3, 1.5 mm; cut off after `slices` slices."""
+    model = load_run(run).model
+    mesh = trimesh.Trimesh(model.reconstruct([0.7, -0.5]), model.faces)
+    z, y, x = np.indices((56, 48, 44))
+    inside = mesh.contains((np.stack([x - 22, y - 24, z - 28], -1) * 1.5).reshape(-1, 3))
+    voxels = inside.reshape(z.shape).astype(np.uint8)[:slices] * 3
+    image = sitk.GetImageFromArray(voxels)
+    image.SetSpacing([1.5] * 3)
+    image.SetOrigin([100.0, -50.0, 700.0])
+    sitk.WriteImage(image, str(path))
+
+
+def test_an_imported_model_is_the_same_model_and_its_report_opens(run: Path):
+    imported, shapes = load_run(run), cohort()
+    model = build(align(shapes)[0])
+    np.testing.assert_allclose(imported.model.mean, model.mean)
+    np.testing.assert_allclose(imported.shapes.vertices, model.reconstruct(model.scores))
+    assert imported.cases == IDS
+    assert "organ" in (run / "report" / "index.html").read_text(encoding="utf-8")
+
+
+def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Path):
+    in_an_image(run, Path("whole.nii.gz"))
+    in_an_image(run, Path("cut.mhd"), slices=36)
+    model = load_run(run).model
+    surface = trimesh.Trimesh(model.reconstruct([-1.0]) * [1, -1, -1], model.faces)
+    surface.export("down.ply")
+    Path("notes.txt").write_text("none")
+    files = ("whole.nii.gz", "cut.mhd", "down.ply", "notes.txt")
+    said = workflow("fit", str(run), *files, "--out", "fits", "--jobs", "1")
+    assert said.code == 0, said.stderr
+    assert "left out notes.txt: this is neither a label image" in said.stdout
+    table = pd.read_csv("fits/fits.csv").set_index("case_id")
+    assert list(table.index) == ["whole", "cut", "down"]
+    assert table.loc["whole", "mean_mm"] < 1.0
+    assert not table.loc["whole", "flagged"]
+    assert 55 < table.loc["cut", "observed_percent"] < 90
+    assert table.loc["down", "flags"].startswith("turned")
+    scores = pd.read_csv("fits/scores.csv")
+    first = scores[(scores["case_id"] == "whole") & (scores["mode"] == 1)].iloc[0]
+    assert first["low_sd"] < 0.7 < first["high_sd"]
+    for case in table.index:
+        mapped = pyvista.read(f"fits/{case}/reconstruction.vtp")
+        assert mapped.n_points == len(model.mean)
+        assert {"distance_mm", "observed", "sd_mm", "radius_90_mm"} <= set(mapped.point_data)
+    # In the scan's own place: the image's middle.
+    middle = pyvista.read("fits/whole/reconstruction.vtp").points.mean(axis=0)
+    np.testing.assert_allclose(middle, [133.0, -14.0, 742.0], atol=3)
+    assert "whole" in Path("fits/index.html").read_text(encoding="utf-8")
+
+
+def test_by_matcher_the_template_is_laid_on_the_patient(
+    workflow: Workflow, tiny_run: Path, tmp_path: Path
+):
+    run_copy = tmp_path / "runs" / "balls"
+    shutil.copytree(tiny_run, run_copy)
+    patient = write_balls(tmp_path / "new", 5) / "ball_4.nii.gz"
+    words = ("fit", str(run_copy), str(patient), "--by", "matcher", "--jobs", "1")
+    said = workflow(*words)
+    assert said.code == 0, said.stderr
+    assert "the model has 4 cases of its own, and fits are judged by 6 or more" in said.stdout
+    table = pd.read_csv("fits/fits.csv")
+    assert table["by"][0] == "matcher"
+    # Half a voxel is 1 mm, and three modes of three balls are not the fifth.
+    assert table["mean_mm"][0] < 2.5
+
+
+def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path):
+    Path("a.txt").write_text("none")
+    for words, message in (
+        (("a.txt",), "no patient could be fitted"),
+        (("a.ply", "x/a.stl"), "two files are called a"),
+        (("a.ply", "--by", "magic"), "--by magic: model or matcher is needed"),
+    ):
+        said = workflow("fit", str(run), *words)
+        assert said.code == 1
+        assert message in said.stderr
+
+
+def test_shapes_are_compared_with_covariates(workflow: Workflow, run: Path):
+    scores = load_run(run).model.scores
+    table = pd.DataFrame(
+        {
+            "participant_id": IDS,
+            "group": np.where(scores[:, 0] > np.median(scores[:, 0]), "large", "small"),
+            "age": np.linspace(40, 70, 12),
+        }
+    )
+    table.sample(frac=1, random_state=0).to_csv("people.tsv", sep="\t", index=False)
+    words = ("compare", str(run), "--covariates", "people.tsv", "--permutations", "499")
+    said = workflow(*words, "--formula", "~ group", "--out", "out")
+    assert said.code == 0, said.stderr
+    tests = pd.read_csv("out/tests.csv")
+    assert tests["procrustes_p"][0] < 0.05
+    assert 0 < tests["hotelling_p"][0] < 0.2
+    with np.load("out/vertex_maps.npz") as maps:
+        assert maps["displacement_mm_0"].shape == load_run(run).model.mean.shape
+    about = json.loads(Path("out/compare.json").read_text())
+    assert about["maps"] == ["group: small against large"]
+    assert "~ group" in Path("out/index.html").read_text(encoding="utf-8")
+    refused = workflow(*words, "--formula", "~ hight")
+    assert refused.code == 1
+    assert "names hight, and the table has group, age" in refused.stderr
+    table.iloc[1:].to_csv("people.tsv", sep="\t", index=False)
+    refused = workflow(*words, "--formula", "~ age")
+    assert f"1 in the model but not in the table: {IDS[0]}" in refused.stderr
+
+
+def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path):
+    held = load_run(run)
+    template, faces = held.shapes.template, held.shapes.faces
+    top = int(template[:, 2].argmax())
+    ras = (template[top] * [-1, -1, 1]).tolist()
+    point = {"label": "apex", "position": ras, "positionStatus": "defined"}
+    content = {"markups": [{"coordinateSystem": "RAS", "controlPoints": [point]}]}
+    Path("template.mrk.json").write_text(json.dumps(content))
+    upper = np.flatnonzero(template[:, 2] > 0)
+    pd.DataFrame({"vertex": upper, "label": "upper"}).to_csv("labels.csv", index=False)
+    trimesh.Trimesh(held.model.reconstruct([1.0]) + 40, faces).export("new.stl")
+    assert workflow("fit", str(run), "new.stl", "--out", "fits", "--jobs", "1").code == 0
+    words = ("--landmarks", "template.mrk.json", "--labels", "labels.csv", "--fits", "fits")
+    said = workflow("transfer", str(run), *words, "--out", "carried")
+    assert said.code == 0, said.stderr
+    for case, points in zip(held.cases, held.shapes.vertices, strict=True):
+        file = Path("carried") / case / "landmarks.mrk.json"
+        carried = landmarks_from_markups(json.loads(file.read_text()))
+        assert carried.names == ("apex",)
+        np.testing.assert_allclose(carried.positions[0], points[top], atol=1e-3)
+        labelled = pyvista.read(file.with_name("labels.vtp"))
+        np.testing.assert_array_equal(np.flatnonzero(labelled["label"]), upper)
+    new = pd.read_csv("carried/landmarks.csv").set_index("case_id").loc["new"]
+    expected = held.model.reconstruct([1.0])[top] + 40
+    np.testing.assert_allclose(
+        new[["left_mm", "posterior_mm", "superior_mm"]].astype(float), expected, atol=2.0
+    )
+    assert workflow("transfer", str(run)).code == 1
+    Path("labels.csv").write_text("vertex,label\n99999,a\n")
+    said = workflow("transfer", str(run), "--labels", "labels.csv")
+    assert "names vertices 99999 to 99999; 0 to 641 are the template's" in said.stderr
+
+
+def test_an_export_explains_itself(workflow: Workflow, run: Path, monkeypatch):
+    said = workflow("export", "organ", "--runs", str(run.parent), "--to", "out")
+    assert said.code == 0, said.stderr
+    readme = Path("out/README.md").read_text()
+    for path in Path("out").iterdir():
+        if path.name != "README.md":
+            assert f"`{path.name}{'/' * path.is_dir()}`" in readme, path
+    description = json.loads(Path("out/dataset_description.json").read_text())
+    assert {"Name", "BIDSVersion", "DatasetType", "GeneratedBy"} <= set(description)
+    assert "12 cases" in Path("out/MODEL_CARD.md").read_text()
+    table = pd.read_csv("out/measurements.csv").set_index("shape")
+    mesh = load_run(run).mesh(IDS[3])
+    assert table.loc[IDS[3], "volume_ml"] == pytest.approx(volume(mesh.vertices, mesh.faces) / 1e3)
+    assert table.loc[IDS[3], "area_cm2"] == pytest.approx(area(mesh.vertices, mesh.faces) / 100)
+    plus, minus = table.loc["mode_1_plus_2sd"], table.loc["mode_1_minus_2sd"]
+    assert plus["volume_ml"] != pytest.approx(minus["volume_ml"], rel=0.01)
+    # The script, with a Slicer that notes what it is asked for.
+    asked: list[str] = []
+    node = types.SimpleNamespace(
+        GetDisplayNode=lambda: types.SimpleNamespace(
+            SetOpacity=lambda value: None, SetVisibility=lambda value: None
+        )
+    )
+    util = types.SimpleNamespace(
+        loadModel=lambda path: asked.append(path) or node,
+        loadMarkups=asked.append,
+        resetThreeDViews=lambda: None,
+    )
+    monkeypatch.setitem(sys.modules, "slicer", types.SimpleNamespace(util=util))
+    runpy.run_path("out/load_in_slicer.py")
+    assert {Path(path).name for path in asked} == {p.name for p in Path("out/meshes").iterdir()}
+
+
+def all_bytes(path: Path) -> list[bytes]:
+    """A file's bytes, and what is inside it where it is packed."""
+    content = [path.read_bytes()]
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as packed:
+            content += [packed.read(name) for name in packed.namelist()]
+    if path.suffix == ".gz":
+        content.append(gzip.decompress(content[0]))
+    if path.suffix == ".h5":
+        with h5py.File(path) as file:
+            file.visititems(
+                lambda name, item: content.append(
+                    name.encode()
+                    + (bytes(np.asarray(item)) if isinstance(item, h5py.Dataset) else b"")
+                )
+            )
+    return content
+
+
+def test_no_byte_of_a_pseudonymised_export_tells_an_id(workflow: Workflow, run: Path):
+    said = workflow("export", "organ", "--runs", str(run.parent), "--to", "out", "--pseudonymise")
+    assert said.code == 0, said.stderr
+    wanted = [*IDS, "Miller", "patient-", str(run.parent)]
+    wanted_bytes = [w.encode(code) for w in wanted for code in ("utf-8", "utf-16-le", "utf-32-le")]
+    for path in Path("out").rglob("*"):
+        assert not any(word in str(path) for word in wanted), path
+        for content in all_bytes(path) if path.is_file() else ():
+            assert not any(word in content for word in wanted_bytes), path
+    # Nor does the order of the rows: it is the pseudonyms' own.
+    scores = pd.read_csv("out/scores.csv")
+    assert list(scores["case_id"]) == sorted(scores["case_id"])
+    key_file = run / "pseudonyms.csv"
+    assert stat.S_IMODE(key_file.stat().st_mode) == 0o600
+    key = pd.read_csv(key_file).set_index("pseudonym")["case_id"]
+    model = load_run(run).model
+    for row in scores.set_index("case_id").itertuples():
+        own = model.scores[model.case_ids.index(key[row.Index])]
+        np.testing.assert_allclose(row[1:], own, atol=1e-9)
+
+
+def test_a_statismo_file_of_ours_comes_back(workflow: Workflow, run: Path):
+    said = workflow(
+        "export", "organ", "--runs", str(run.parent), "--to", "out", "--format", "statismo"
+    )
+    assert said.code == 0, said.stderr
+    said = workflow("import", "out/model.h5", "--name", "back")
+    assert said.code == 0, said.stderr
+    ours, back = load_run(run).model, load_run("runs/back").model
+    assert back.case_ids == ours.case_ids
+    # float32 in the file: 1e-7 of 100 mm.
+    np.testing.assert_allclose(back.mean, ours.mean, atol=1e-4)
+    np.testing.assert_allclose(
+        back.reconstruct(back.scores), ours.reconstruct(ours.scores), atol=1e-3
+    )
+    again = workflow("import", "out/model.h5", "--name", "back")
+    assert again.code == 1
+    assert "is in use" in again.stderr
