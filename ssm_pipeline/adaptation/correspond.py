@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ssm_pipeline.adaptation.adapt import adapt
 from ssm_pipeline.adaptation.objective import MapPull
-from ssm_pipeline.adaptation.pose import CoarsePair, carried_case, map_pull, pose_path
+from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.geometry.rigid import iterative_closest_point
-from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Correspondence, SpectralBasis
-from ssm_pipeline.training.matcher import Matcher
+
+if TYPE_CHECKING:
+    from ssm_pipeline.adaptation.pose import CoarsePair
+    from ssm_pipeline.training.matcher import Matcher
 
 # Methods that are a map of the features and no more; None: as the settings say.
 MAP_OF: dict[str, InferenceMap | None] = {
@@ -50,10 +53,13 @@ def correspond(
     coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
     """
     if method in WITHOUT_NETWORK:
-        posed, pull = _rigidly_aligned(template, case, seed), None
+        posed, pull = rigidly_aligned(template, case, seed), None
     else:
         if matcher is None:
             raise ValueError(f"the method {method!r} needs a trained matcher")
+        # Here, so that what uses no network needs no PyTorch.
+        from ssm_pipeline.adaptation.pose import carried_case, map_pull, pose_path
+
         if method in MAP_OF:
             posed = carried_case(template, case, matcher, MAP_OF[method])
         else:
@@ -105,13 +111,3 @@ def _carried_onto(
         nearest_vertex=nearest_vertex.astype(np.int64),
         fitted=case.frame.apply(posed),
     )
-
-
-def _rigidly_aligned(template: SpectralBasis, case: SpectralBasis, seed: int) -> np.ndarray:
-    """(V, 3): both at unit area and centred, then iterative closest points."""
-    generator = np.random.default_rng(seed)
-    frame = iterative_closest_point(
-        sample_points(template.vertices, template.faces, 4000, generator),
-        sample_points(case.vertices, case.faces, 4000, generator),
-    )
-    return frame.apply(template.vertices)

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ssm_pipeline.adaptation.adapt import adapt
-from ssm_pipeline.adaptation.pose import CoarsePair, pose_path
+from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import ShapePath, SpectralBasis
-from ssm_pipeline.training.matcher import Matcher
+
+if TYPE_CHECKING:
+    from ssm_pipeline.adaptation.pose import CoarsePair
+    from ssm_pipeline.training.matcher import Matcher
 
 
 def shape_path(
     template: SpectralBasis,
     case: SpectralBasis,
-    matcher: Matcher,
+    matcher: Matcher | None,
     settings: AdaptationSettings,
     coarse: CoarsePair | None = None,
     seed: int = 0,
@@ -25,19 +29,27 @@ def shape_path(
     """X(t, t_s) = X(t) + t_s Δ_s(t), in millimetres on the template's faces.
 
     At each time the pose X(t) is adapted to Y(1 − t), the case's own path seen from its other end.
-    Size and position go linearly from the template's to the case's. `coarse`: see `pose_path`.
+    Size and position go linearly from the template's to the case's. Without a matcher the pose is
+    the rigid alignment, and its one offset grows with t. `coarse`: see `pose_path`.
     Source: Cao et al. 2024, Eq. 15–17; differs: as printed t_s = 0 already carries Δ_s, and the
     family would jump.
     """
     times = np.linspace(0, 1, settings.path_times)
-    X = pose_path(template, case, matcher, times, coarse)
-    Y = pose_path(case, template, matcher, 1 - times, (coarse[1], coarse[0]) if coarse else None)
-    offsets = np.stack(
-        [
-            adapt(pose, template.faces, template.stiffness, goal, case.faces, settings, seed)
-            for pose, goal in zip(X, Y, strict=True)
-        ]
-    )
+
+    def adapted(pose: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        return adapt(pose, template.faces, template.stiffness, goal, case.faces, settings, seed)
+
+    if matcher is None:
+        pose = rigidly_aligned(template, case, seed)
+        X = np.broadcast_to(pose, (len(times), *pose.shape))
+        offsets = times[:, None, None] * adapted(pose, case.vertices)
+    else:
+        from ssm_pipeline.adaptation.pose import pose_path  # PyTorch is needed for it alone
+
+        X = pose_path(template, case, matcher, times, coarse)
+        swapped = (coarse[1], coarse[0]) if coarse else None
+        Y = pose_path(case, template, matcher, 1 - times, swapped)
+        offsets = np.stack([adapted(pose, goal) for pose, goal in zip(X, Y, strict=True)])
     start, end = template.frame, case.frame
     scale = (1 - times) * start.scale + times * end.scale
     shift = (1 - times)[:, None] * start.translation + times[:, None] * end.translation

@@ -53,6 +53,10 @@ def corresponded_shapes(
         return after_rounds(context, once, meshes, folder)
     if method == "adaptation only" or method == "nearest point":
         return matched_shapes(context, method, template, None, (), meshes, folder)
+    if context.settings.matching == "none":
+        raise CaseError(
+            "in the comparison", f"the study has no network (matching: none); {method} needs one."
+        )
     if method == "spectral only":
         training, label = context.settings.training, "training on the spectral loss alone"
         case_ids = tuple(context.case_keys)

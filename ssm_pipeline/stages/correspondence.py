@@ -30,6 +30,7 @@ def match_cases(context: Context) -> Outcome:
     with_path = {others[index * len(others) // count] for index in range(count)}
     trained, own = context.done["training"].key, context.case_keys[template_id]
     rests_on = [trained, own, settings, context.seed]
+    matcher, method = _matcher_and_method(context)
     results = context.map_cases(
         [
             CaseTask(
@@ -39,9 +40,9 @@ def match_cases(context: Context) -> Outcome:
                     correspond_case,
                     context.case_file("spectral", template_id, "basis.npz"),
                     context.case_file("spectral", case_id, "basis.npz"),
-                    context.folder("training") / "matcher.pt",
+                    matcher,
                     settings,
-                    "full",
+                    method,
                     case_id in with_path,
                     context.seed,
                 ),
@@ -66,12 +67,13 @@ def correspond_case(
     """correspondence.npz, and path.npz where one is wanted."""
     from ssm_pipeline.adaptation.correspond import correspond
     from ssm_pipeline.adaptation.path import shape_path
-    from ssm_pipeline.training.matcher import load_matcher
 
     template = storage.load(SpectralBasis, template_path)
     case = storage.load(SpectralBasis, case_path)
     matcher, coarse = None, None
     if matcher_path is not None:
+        from ssm_pipeline.training.matcher import load_matcher  # PyTorch is needed for it alone
+
         matcher = load_matcher(matcher_path)
         coarse = (
             storage.load(SpectralBasis, template_path.with_name("training_basis.npz")),
@@ -79,7 +81,7 @@ def correspond_case(
         )
     match: Correspondence = correspond(template, case, matcher, settings, method, coarse, seed)
     storage.save(match, folder / "correspondence.npz")
-    if with_path and matcher is not None:
+    if with_path:
         path = shape_path(template, case, matcher, settings, coarse, seed)
         storage.save(path, folder / "path.npz")
     return {"case_id": case.case_id, "template_id": template.case_id}
@@ -111,6 +113,12 @@ def matches_in(folder: Path, case_ids: Sequence[str]) -> list[Correspondence]:
         storage.load(Correspondence, folder / case_id / "correspondence.npz")
         for case_id in case_ids
     ]
+
+
+def _matcher_and_method(context: Context) -> tuple[Path | None, PairMethod]:
+    if context.settings.matching == "none":
+        return None, "adaptation only"
+    return context.folder("training") / "matcher.pt", "full"
 
 
 def _template(context: Context) -> str:

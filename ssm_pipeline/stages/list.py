@@ -32,7 +32,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     Stage(
         "training",
         train_matcher,
-        lambda s: {"training": s.training, "seed": s.seed},
+        lambda s: {"matching": s.matching, "training": s.training, "seed": s.seed},
         needs=("spectral",),
         version=2,
     ),

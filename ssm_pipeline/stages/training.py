@@ -11,7 +11,12 @@ from ssm_pipeline.stages.resumable_training import forget_checkpoint, train_resu
 
 
 def train_matcher(context: Context) -> Outcome:
-    """matcher.pt, losses.csv (a row a step) and template_losses.csv (a row a case)."""
+    """matcher.pt, losses.csv (a row per step) and template_losses.csv (a row per case).
+
+    Where the study matches without a network, only template_losses.csv.
+    """
+    if context.settings.matching == "none":
+        return _rank_templates(context)
     from ssm_pipeline.matching.map_health import COLLAPSED_EXTENT
     from ssm_pipeline.training.matcher import save_matcher
     from ssm_pipeline.training.template import choose_template
@@ -45,3 +50,14 @@ def train_matcher(context: Context) -> Outcome:
         )
     note = f"{settings.steps} steps, loss {table['total'].tail(100).mean():.3g}"
     return Outcome(context.case_keys, note=f"{note}, map extent {100 * extent:.0f} %")
+
+
+def _rank_templates(context: Context) -> Outcome:
+    from ssm_pipeline.adaptation.rigid_start import rank_templates_by_distance
+
+    partners = context.settings.training.template_pairs
+    ranked = rank_templates_by_distance(training_bases(context), partners, context.seed)
+    for name in ("matcher.pt", "losses.csv"):  # of other settings
+        storage.remove(context.folder() / name)
+    context.write_table("template_losses", ranked.to_dict("records"))
+    return Outcome(context.case_keys, note="no network")

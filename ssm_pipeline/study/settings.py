@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 from pydantic import Field, model_validator
@@ -44,6 +44,9 @@ class StudySettings(Settings):
     data: DataSettings
     meshing: MeshingSettings = MeshingSettings()
     spectral: SpectralSettings = SpectralSettings()
+    # network: train one and start adaptation from its poses. none: start from rigid alignment, no
+    # training; enough where organs lie alike and differ little.
+    matching: Literal["network", "none"] = "network"
     training: TrainingSettings = TrainingSettings()
     adaptation: AdaptationSettings = AdaptationSettings()
     template: str | None = None  # case id; None: the case of smallest mean loss to the others
@@ -62,6 +65,11 @@ class StudySettings(Settings):
 
     @model_validator(mode="after")
     def _folds_to_retrain(self) -> StudySettings:
+        if self.comparison.retrain and self.matching == "none":
+            raise ValueError(
+                "comparison.retrain trains a matcher without each fold, and matching is none: "
+                "there is nothing to train. Leave one of them out"
+            )
         if self.comparison.retrain and self.evaluation.folds < 2:
             raise ValueError(
                 "comparison.retrain trains a matcher without each fold, and needs "
