@@ -9,13 +9,18 @@ SYSTEM_PACKAGES := libgl1 libopengl0 libegl1 libosmesa6
 TEST_PACKAGES   := chromium
 STUDY ?= luna16
 
-.PHONY: run test lint docs package install install-dev system system-test clean
+.PHONY: run test test-slow lint docs package install install-dev system system-test clean
 
 run: install
 	$(BIN)/workflow run $(STUDY)
 
 test: install-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+
+# Real runs killed at every write, and ten thousand damaged files a reader: hours.
+test-slow: install-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m slow -s
+	OMP_NUM_THREADS=1 $(BIN)/python tools/fuzz.py --count 10000
 
 lint: install-dev
 	$(BIN)/ruff check .

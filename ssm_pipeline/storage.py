@@ -89,6 +89,13 @@ def remove(path: Path) -> None:
         _reach_disk(path.parent)
 
 
+def remove_unfinished(folder: Path) -> None:
+    """Delete what processes that were killed inside `written_whole` left below a folder."""
+    for path in folder.rglob(".*.*"):
+        if path.is_file():
+            path.unlink()
+
+
 def fingerprints(folder: Path, paths: Iterable[Path]) -> Fingerprints:
     """Size and hash of files below a folder, to tell later whether they are still as written."""
     return {path.relative_to(folder).as_posix(): _fingerprint(path) for path in sorted(paths)}

@@ -11,7 +11,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from ssm_pipeline import storage
-from ssm_pipeline.engine.left_files import CASE_FILE
+from ssm_pipeline.engine.left_files import CASE_FILE, STAGE_FILE
 from ssm_pipeline.engine.run_log import read_events
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.records import DamagedFile, StudyError
@@ -50,7 +50,9 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
     """
     owner = read_owner(run_folder)
     if owner is None:
-        strangers = [path.name for path in run_folder.glob("*") if path.name != "data"]
+        ours = ("data", OWNER_FILE, "study.yaml")  # of a run that was stopped as it began
+        names = [path.name for path in run_folder.glob("*")]
+        strangers = [name for name in names if name not in ours and not name.startswith(".")]
         if strangers:
             raise StudyError(
                 f"{run_folder} holds files that are no run of this program ({strangers[0]}). "
@@ -94,8 +96,8 @@ def read_owner(run_folder: Path) -> dict[str, Any] | None:
         runs = [event for event in read_events(run_folder) if event["event"] == "run"]
         if runs:
             return {"cases": cases} | _owner(runs[-1])
-        if not path.exists() and record is None:
-            return None
+        if not any(run_folder.glob(f"*/{STAGE_FILE}")):
+            return None  # nothing is finished here
         raise StudyError(
             f"{path} is missing or damaged, and nothing else says whose results {run_folder} "
             "holds. Move it away and run again."

@@ -91,6 +91,7 @@ def _bring_up_to_date(
     _refuse_hopeless(file_keys, cohort.dropped)
     job.check_cohort(cohort)
     gone = take(run_folder, job.name, job.data, job.is_synthetic, file_keys)
+    storage.remove_unfinished(run_folder)
     storage.write_text(run_folder / "study.yaml", job.settings.to_yaml())
     with terminal.logged_to(run_folder) as log, log.kept_errors():
         log.event("run", study=job.name, synthetic=job.is_synthetic, data=job.data)

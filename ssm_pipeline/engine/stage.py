@@ -86,9 +86,12 @@ class StageRecord:
         """None where there is none, or none that can be read: the stage is not finished."""
         path = folder / STAGE_FILE
         try:
-            return TypeAdapter(StageRecord).validate_json(path.read_bytes())
+            return _stage_record.validate_json(path.read_bytes())
         except (FileNotFoundError, ValidationError):
             return None
+
+
+_stage_record = TypeAdapter(StageRecord)
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from faults import results_in
 from test_runner import GOOD, Bench
 from toy_study import write_masks
 
@@ -24,24 +24,6 @@ def bench(tmp_path: Path) -> Bench:
 
 def run_folder(bench: Bench) -> Path:
     return bench.folder / "runs" / "toy"
-
-
-def everything_in(folder: Path) -> dict[str, bytes]:
-    """What a run leaves, but for times: those are of the day."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name not in ("run.log", "run.jsonl"):
-            content = path.read_bytes()
-            if path.name in ("stage.json", "case.json"):
-                kept = json.loads(content)
-                for name in ("seconds", "peak_memory_mb", "finished_at"):
-                    kept.pop(name, None)
-                for name in [*kept["files"]]:
-                    if name.endswith("case.json"):
-                        del kept["files"][name]
-                content = json.dumps(kept).encode()
-            found[path.relative_to(folder).as_posix()] = content
-    return found
 
 
 def harm(path: Path, how: str) -> None:
@@ -71,11 +53,11 @@ FILES = {
 @pytest.mark.parametrize("how", ["gone", "empty", "cut"])
 @pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file_is_made_again_and_no_other_case_is(bench: Bench, name: str, how: str):
-    whole = everything_in(run_folder(bench))
+    whole = results_in(run_folder(bench))
     harm(run_folder(bench) / name, how)
     bench.run()
     assert bench.worked_on == FILES[name]
-    assert everything_in(run_folder(bench)) == whole
+    assert results_in(run_folder(bench)) == whole
     assert "nothing to do" in bench.run()
 
 

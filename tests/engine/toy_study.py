@@ -7,6 +7,7 @@ import signal
 from functools import partial
 from pathlib import Path
 
+from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.runner import Job
 from ssm_pipeline.engine.stage import Outcome, Stage, StageContext
@@ -60,7 +61,7 @@ def double(case_id: str, source: Path, diary: Path, folder: Path) -> Row:
     if text == "kill":
         source.write_text("7")
         os.kill(os.getpid(), signal.SIGKILL)
-    (folder / "doubled.txt").write_text(str(2 * int(text)))
+    storage.write_text(folder / "doubled.txt", str(2 * int(text)))
     return {"case_id": case_id, "doubled": 2 * int(text)}
 
 
@@ -84,8 +85,7 @@ def sum_stage(context: StageContext) -> Outcome:
         int(context.case_file("double", case, "doubled.txt").read_text())
         for case in context.case_keys
     )
-    (context.folder()).mkdir(exist_ok=True)
-    (context.folder() / "sum.txt").write_text(str(total))
+    storage.write_text(context.folder() / "sum.txt", str(total))
     return Outcome(context.case_keys, note=f"sum {total}")
 
 
