@@ -10,13 +10,13 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
-from ssm_pipeline.records import Mesh, SpectralBasis
+from ssm_pipeline.records import Mesh, ShapePath, SpectralBasis
 from ssm_pipeline.spectral.settings import SpectralSettings
 
 
 @dataclass(frozen=True)
 class BenchmarkFiles:
-    """Bases, geodesic distances and maps in `folder`, each made when first asked for."""
+    """Bases, geodesic distances, maps and paths in `folder`, each made when first asked for."""
 
     folder: Path
     spectral: SpectralSettings
@@ -48,6 +48,14 @@ class BenchmarkFiles:
             with storage.written_whole(path) as temporary:
                 np.save(temporary, y_to_x)
         return np.asarray(np.load(path))
+
+    def path(self, x: Mesh, y: Mesh, key: str, make: Callable[[], ShapePath]) -> ShapePath:
+        """The interpolation y → x, of the matcher that `key` stands for."""
+        name = f"{key_of(key_of_mesh(x), key_of_mesh(y))}.npz"
+        path = self.folder / "paths" / key / name
+        if not path.exists():
+            storage.save(make(), path)
+        return storage.load(ShapePath, path)
 
     def map_path(self, x: Mesh, y: Mesh, key: str) -> Path:
         return self.folder / "maps" / key / f"{key_of(key_of_mesh(x), key_of_mesh(y))}.npy"

@@ -16,8 +16,8 @@ from ssm_pipeline.commands.matching_cost import cost_in_words, seconds_a_pair, s
 from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
-from ssm_pipeline.records import Mesh, StudyError
+from ssm_pipeline.methods import FULL, WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.records import Mesh, ShapePath, StudyError
 from ssm_pipeline.stages.resumable_training import trained_matcher
 from ssm_pipeline.training.settings import TrainingSettings
 
@@ -35,29 +35,36 @@ def run_matching(
     device: str,
     terminal: Terminal,
 ) -> pd.DataFrame:
-    """summary.csv (rows as in the papers' tables), pairs.csv, pck.csv and pck.png in `folder`.
+    """summary.csv (rows as in the papers' tables), pairs.csv, pck.csv and pck.png in `folder`;
+    with a row `full` also interpolation.csv and interpolation_curve.csv of a few pairs.
 
     checkpoint  a trained matcher (matcher.pt) to test instead of training one; the row "spectral
                 only" has a network of its own all the same.
     Spectral bases, trained matchers, geodesic distances and maps are kept in `folder`. Where test
     shapes were trained on, the row's name says so.
     """
+    from ssm_pipeline.evaluation.interpolation_quality import interpolation_tables
+
     keep_large_blocks()
     _say_what_is_odd(shapes, terminal)
     files = BenchmarkFiles(folder, settings.spectral)
     _say_cost(shapes, files, settings, checkpoint, device, terminal)
-    results = []
+    results: list[MatchingBenchmark] = []
+    paths: list[ShapePath] = []
     for method in settings.methods:
         predictor = _Predictor(shapes, files, settings, method, checkpoint, device, terminal)
         results.append(_row(shapes, files, predictor, terminal))
+        if method == FULL:
+            paths = _paths(predictor, settings.interpolations, terminal)
     tables = {
         "summary": pd.concat([result.summary for result in results], ignore_index=True),
         "pairs": pd.concat([result.pairs for result in results], ignore_index=True),
         "pck": pd.concat([result.curve for result in results], ignore_index=True),
-    }
+    } | interpolation_tables(paths)
     for name, table in tables.items():
         with storage.written_whole(folder / f"{name}.csv") as temporary:
             table.to_csv(temporary, index=False)
+    _say_interpolation(tables, terminal)
     _draw_curves(tables["pck"], tables["summary"], folder / "pck.png")
     return tables["summary"]
 
@@ -77,6 +84,19 @@ def _row(
             predictor.method + predictor.seen(),
             on_pair=lambda done, of: steps.advance_to(done),
         )
+
+
+def _paths(predictor: _Predictor, count: int, terminal: Terminal) -> list[ShapePath]:
+    """The interpolations of some pairs, evenly over all."""
+    known = predictor.shapes.pairs
+    count = min(count, len(known))
+    found = []
+    with terminal.steps("interpolations", count) as steps:
+        for number in range(count):
+            pair = known[number * len(known) // count]
+            found.append(predictor.path(*(predictor.shapes.meshes[i] for i in (pair.x, pair.y))))
+            steps.advance_to(number + 1)
+    return found
 
 
 class _Predictor:
@@ -117,6 +137,16 @@ class _Predictor:
 
     def predict(self, x: Mesh, y: Mesh) -> np.ndarray:
         return self.files.map(x, y, self.key, lambda: self._matched(x, y))
+
+    def path(self, x: Mesh, y: Mesh) -> ShapePath:
+        """X(t, t_s) from y to x."""
+        from ssm_pipeline.adaptation.path import shape_path
+
+        matcher, settings = self.matcher, self.settings.adaptation
+        if matcher is None:
+            raise ValueError(f"the method {self.method!r} has no network, and so no path")
+        bases = self.files.basis(y), self.files.basis(x)
+        return self.files.path(x, y, self.key, lambda: shape_path(*bases, matcher, settings))
 
     def seen(self) -> str:
         """` (trained on 3 of the test shapes)`, or nothing."""
@@ -174,12 +204,24 @@ def _say_cost(
             f"training needs at least 2 shapes; --train leaves {len(shapes.train)}. Give more, or "
             "a trained matcher by --checkpoint."
         )
-    terminal.say("measuring two steps and one pair …")
+    terminal.say("measuring a few steps and one pair …")
     x, y = (files.basis(shapes.meshes[index]) for index in shapes.train[:2])
     step_s, trial = seconds_a_step(x, y, settings.training, device)
     pair_s = seconds_a_pair(x, y, trial, settings.adaptation, settings.methods)
     pairs: dict[str, int] = {method: len(shapes.pairs) for method in settings.methods}
     terminal.say(cost_in_words(len(missing), settings.training.steps, step_s, pairs, pair_s))
+
+
+def _say_interpolation(tables: dict[str, pd.DataFrame], terminal: Terminal) -> None:
+    if "interpolation" not in tables:
+        return
+    means = tables["interpolation"].query("0 < t < 1").mean(numeric_only=True)
+    terminal.say(
+        "between the ends of interpolations: conformal distortion "
+        f"{means.conformal_distortion:.2f}, edges change by {means.edge_change_percent:.1f} %; on "
+        f"straight lines {means.straight_conformal_distortion:.2f} and "
+        f"{means.straight_edge_change_percent:.1f} %"
+    )
 
 
 def _say_what_is_odd(shapes: BenchmarkShapes, terminal: Terminal) -> None:

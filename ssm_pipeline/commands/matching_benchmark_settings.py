@@ -39,6 +39,7 @@ class MatchingBenchmarkSettings(Settings):
     leave_out: tuple[str, ...] = ()  # shapes or categories, by name
     between: Literal["all", "within categories", "between categories"] = "all"  # pairs counted
     self_pairs: bool = False  # count a shape's map to itself, as the literature's code does
+    interpolations: int = Field(3, ge=0)  # pairs interpolated and measured, where `full` is a row
     built_in: ArticulatedSettings = ArticulatedSettings()  # of --built-in shapes alone
 
 

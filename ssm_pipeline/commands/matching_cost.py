@@ -28,7 +28,7 @@ def seconds_a_step(
     tried: dict[int, float] = {}
     for time_steps in {min(settings.time_steps), max(settings.time_steps)}:
         trial = settings.model_copy(
-            update={"steps": 2, "time_steps": (time_steps,), "time_step_shares": (1.0,)}
+            update={"steps": 3, "time_steps": (time_steps,), "time_step_shares": (1.0,)}
         )
         stamps: list[float] = []
 
@@ -36,7 +36,7 @@ def seconds_a_step(
             stamps.append(time.perf_counter())
 
         matcher = train([x, y], trial, seed=0, device=device, on_step=on_step)
-        tried[time_steps] = stamps[1] - stamps[0]  # the first step warms up
+        tried[time_steps] = stamps[1] - stamps[0]  # the first warms up, the last does more
     fewest, most = min(tried), max(tried)
     slope = (tried[most] - tried[fewest]) / max(most - fewest, 1)
     at_each = (tried[fewest] + slope * (count - fewest) for count in settings.time_steps)

@@ -28,7 +28,13 @@ _TITLES = {
     "interpolation": "Conformal distortion along the interpolations",
 }
 # Drawn or told elsewhere, or a row a case of what a table of means holds.
-_PLACED = {"compactness", "generalisation", "generalisation_mean", "specificity"}
+_PLACED = {
+    "compactness",
+    "generalisation",
+    "generalisation_mean",
+    "interpolation_curve",
+    "specificity",
+}
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from ssm_pipeline.study.sources import Luna16Data
 
 def evaluate_methods(context: Context) -> Outcome:
     """<method>/scores/*.csv a method, the same tables of all together, and comparison.csv."""
+    from ssm_pipeline.evaluation.interpolation_quality import interpolation_tables
     from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
     from ssm_pipeline.evaluation.tables import (
         comparisons,
@@ -63,6 +64,7 @@ def evaluate_methods(context: Context) -> Outcome:
     if truth is not None and not settings.shape_model.with_scale:
         floor = build(align(true_shapes)[0])
         tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
+    tables |= interpolation_tables([run.path(case_id) for case_id in run.path_cases])
     for path in context.folder().glob("*.csv"):
         if path.stem not in tables:  # of other settings; a reader would take it for this run's
             path.unlink()

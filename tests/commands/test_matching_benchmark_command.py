@@ -22,7 +22,7 @@ TINY = (
     "training.steps=3",
     "training.matching={channels: 16, width: 16, blocks: 1, descriptors: 16}",
     "training.interpolation={width: 8, blocks: 1}",
-    "adaptation={samples: 500, steps: 3}",
+    "adaptation={samples: 500, steps: 3, path_times: 3}",
 )
 
 
@@ -77,6 +77,13 @@ def test_trains_on_one_part_and_tests_on_another(workflow: Workflow, lungs: Path
         assert curve["share"].is_monotonic_increasing
         assert 0 <= curve["share"].iloc[0] <= curve["share"].iloc[-1] <= 1
     assert set(curves["method"]) == set(summary["method"])
+
+    paths = pd.read_csv(folder / "interpolation.csv")
+    assert paths.groupby(["template_id", "case_id"]).size().tolist() == [3, 3]  # times, each pair
+    assert paths.loc[paths["t"] == 0, "conformal_distortion"].to_numpy() == pytest.approx(2)
+    assert "between the ends of interpolations: conformal distortion" in said.stdout
+    curve = pd.read_csv(folder / "interpolation_curve.csv")
+    assert curve["share"].is_monotonic_increasing
 
     # The same again reads matcher and maps; a matcher given by --checkpoint is used as it is.
     stamps = {path: path.stat().st_mtime_ns for path in (matcher, *folder.glob("maps/*/*.npy"))}

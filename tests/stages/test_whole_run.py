@@ -62,6 +62,20 @@ def test_metrics_hold_every_method(tiny_run: Path):
     assert set(tables["generalisation"]["points"]) == {200}  # as set; S3M, with fewer, as well
 
 
+def test_interpolations_are_measured(tiny_run: Path):
+    """A row a stored time of each path, with the straight line between the same ends beside it."""
+    run = ssm_pipeline.load_run(tiny_run)
+    table = run.metrics.tables["interpolation"]
+    (case_id,) = run.path_cases
+    assert table["t"].tolist() == run.path(case_id).times.tolist()
+    assert set(table["case_id"]) == {case_id}
+    for column in ("conformal_distortion", "straight_conformal_distortion"):
+        assert table[column].iloc[0] == pytest.approx(2)
+        assert (table[column] >= 2 - 1e-9).all()
+    ends = table.iloc[-1]
+    assert ends["conformal_distortion"] == pytest.approx(ends["straight_conformal_distortion"])
+
+
 ABLATIONS = ("without groupwise", "spectral only", "adaptation only", "adaptation only, groupwise")
 
 
