@@ -142,11 +142,13 @@ class _Predictor:
         """X(t, t_s) from y to x."""
         from ssm_pipeline.adaptation.path import shape_path
 
-        matcher, settings = self.matcher, self.settings.adaptation
+        matcher, seed, settings = self.matcher, self.settings.seed, self.settings.adaptation
         if matcher is None:
             raise ValueError(f"the method {self.method!r} has no network, and so no path")
         bases = self.files.basis(y), self.files.basis(x)
-        return self.files.path(x, y, self.key, lambda: shape_path(*bases, matcher, settings))
+        return self.files.path(
+            x, y, self.key, lambda: shape_path(*bases, matcher, settings, seed=seed)
+        )
 
     def seen(self) -> str:
         """` (trained on 3 of the test shapes)`, or nothing."""
@@ -160,7 +162,8 @@ class _Predictor:
         from ssm_pipeline.adaptation.correspond import correspond
 
         bases = self.files.basis(y), self.files.basis(x)
-        match = correspond(*bases, self.matcher, self.settings.adaptation, self.method)
+        seed, adaptation = self.settings.seed, self.settings.adaptation
+        match = correspond(*bases, self.matcher, adaptation, self.method, seed=seed)
         return match.nearest_vertex
 
 
