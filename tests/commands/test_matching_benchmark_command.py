@@ -94,8 +94,9 @@ def test_trains_on_one_part_and_tests_on_another(workflow: Workflow, lungs: Path
     assert tables(again) == tables(said)
     assert "here: training" not in again.stdout
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in stamps.items())
-    longer = words(lungs, runs, "training.steps=50")
-    given = workflow(*longer, "--checkpoint", str(matcher), *options)
+    longer = ("--steps", "50", "--checkpoint", str(matcher))
+    given = workflow(*words(lungs, runs), *longer, *options)
+    assert given.code == 0, given.stderr
     assert tables(given) == tables(said)  # 50 steps were not trained
     assert list(folder.glob("matcher-*.pt")) == [matcher]
 
