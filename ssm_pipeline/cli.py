@@ -72,13 +72,24 @@ def run(
 
 
 @app.command()
-def check(study: StudyName, data: DataFolder = None, changes: Changes = None) -> None:
-    """Read the settings and every mask, and say what is wrong, without running anything."""
+def check(
+    study: StudyName,
+    data: DataFolder = None,
+    changes: Changes = None,
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", help="Folder for a table and pictures.", show_default=False),
+    ] = None,
+    jobs: Jobs = None,
+) -> None:
+    """Read the settings and every case; say what is wrong, and who is unlike the others."""
     from ssm_pipeline.commands.check import check_study
+    from ssm_pipeline.engine.process import default_jobs
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
 
-    if not check_study(read_study(study, data, changes or []), Terminal()):
+    chosen = read_study(study, data, changes or [])
+    if not check_study(chosen, Terminal(), jobs or default_jobs(), to):
         raise typer.Exit(1)
 
 

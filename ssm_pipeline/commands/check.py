@@ -1,40 +1,101 @@
-"""`workflow check`: read every mask of a study and say what is wrong with it."""
+"""`workflow check`: read every case of a study, and say what is wrong with it, before the hours."""
 
 from __future__ import annotations
 
+import tempfile
+from functools import partial
 from pathlib import Path
 
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.engine.per_case import CaseTask, Row, map_cases
 from ssm_pipeline.engine.runner import FEWEST_CASES
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.records import CaseError
+from ssm_pipeline.meshing.settings import MeshingSettings
+from ssm_pipeline.records import CaseSource, Mesh
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
+from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import Study
 
 
-def check_study(study: Study, terminal: Terminal) -> bool:
-    """True if every mask can be read and enough of them can be used. Writes nothing.
+def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None = None) -> bool:
+    """True if every case can be read and meshed and enough of them can be used.
 
-    Raises StudyError for settings that don't fit the cases.
+    jobs  cases at a time. to: a folder for cohort_check.csv and a picture of each striking case;
+    without it nothing is written. Raises StudyError for settings that don't fit the cases.
     """
     terminal.say(f"settings   {study.path}: in order")
-    if study.settings.data.source == "phantoms":
+    data = study.settings.data
+    if data.source == "phantoms":
         terminal.say("masks      none given: synthetic phantoms will be made")
         return True
-    cohort = study.settings.data.find(Path())
+    cohort = data.find(Path())
     refuse_what_cannot_fit(study.settings, cohort)
-    usable = 0
-    with terminal.steps("masks", len(cohort.cases)) as steps:
-        for number, case in enumerate(cohort.cases, start=1):
-            try:
-                mask = case.load()
-            except CaseError as error:
-                terminal.say(f"      {error}")
-            else:
-                usable += 1
-                for warning in mask.warnings:
-                    terminal.say(f"      case {case.case_id}: {warning}")
-            steps.advance_to(number)
-    terminal.say(f"masks      {usable} of {len(cohort.cases)} can be read")
-    if usable < FEWEST_CASES:
-        terminal.say(f"           at least {FEWEST_CASES} are needed")
-    return usable == len(cohort.cases) and usable >= FEWEST_CASES
+    for case in cohort.dropped:
+        terminal.say(f"      case {case.case_id}: {case.reason}")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        tasks = [
+            CaseTask(case.case_id, "", partial(_read_case, case, study.settings.meshing))
+            for case in cohort.cases
+        ]
+        with terminal.steps(data.noun, len(tasks)) as steps:
+            results = map_cases(tasks, folder, jobs, steps.advance_to)
+        usable = [result for result in results if result.dropped is None]
+        for result in results:
+            for warning in result.row.get("warnings", [result.dropped]):
+                terminal.say(f"      case {result.case_id}: {warning}")
+        terminal.say(f"{data.noun:<10} {len(usable)} of {len(results)} can be read")
+        if len(usable) < FEWEST_CASES:
+            terminal.say(f"           at least {FEWEST_CASES} are needed")
+        else:
+            meshes = [storage.load(Mesh, folder / r.case_id / "mesh.npz") for r in usable]
+            left_out = {r.case_id: r.row["left_out_percent"] for r in usable}
+            _compare(meshes, left_out, study.settings, terminal, to)
+    return len(usable) == len(results) and len(usable) >= FEWEST_CASES
+
+
+def _read_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
+    """mesh.npz, a coarse one."""
+    from ssm_pipeline.meshing.quick_mesh import quick_mesh
+
+    given = case.load()
+    mesh, quality = quick_mesh(given, settings)
+    storage.save(mesh, folder / "mesh.npz")
+    return {
+        "warnings": [*given.warnings, *quality.warnings],
+        "left_out_percent": 100 * quality.left_out_ml / quality.mask_volume_ml,
+    }
+
+
+def _compare(
+    meshes: list[Mesh],
+    left_out: dict[str, float],
+    settings: StudySettings,
+    terminal: Terminal,
+    to: Path | None,
+) -> None:
+    from ssm_pipeline.cohort_check.check import check_cohort
+
+    table = check_cohort(meshes, settings.seed, left_out)
+    striking = table[table["remarks"] != ""]
+    for case_id, remarks in zip(striking["case_id"], striking["remarks"], strict=True):
+        terminal.say(f"      case {case_id}: {remarks}")
+    terminal.say(f"cohort     {len(striking)} of {len(table)} do not look like the others")
+    if to is not None:
+        _write(table, meshes, to)
+        terminal.say(f"table and pictures: {to}")
+
+
+def _write(table: pd.DataFrame, meshes: list[Mesh], to: Path) -> None:
+    from ssm_pipeline.report.check_pictures import picture_beside
+
+    with storage.written_whole(to / "cohort_check.csv") as temporary:
+        table.to_csv(temporary, index=False)
+    by_id = {mesh.case_id: mesh for mesh in meshes}
+    ordinary = table.loc[table["remarks"] == "", "case_id"].tolist()
+    for case_id in table.loc[table["remarks"] != "", "case_id"]:
+        beside = by_id[ordinary[0] if ordinary else meshes[0].case_id]
+        with storage.written_whole(to / f"{case_id}.png") as temporary:
+            temporary.write_bytes(picture_beside(by_id[case_id], beside))

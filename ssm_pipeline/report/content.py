@@ -79,7 +79,7 @@ class ReportContent:
         _require("correspondence", self.correspondence, {"case_id", "surface_mm", "hd95_mm"})
         _require("cohort", self.cohort, {"case_id"})
         if self.check is not None:
-            _require("cohort_check", self.check, {"case_id"})
+            _require("cohort_check", self.check, {"case_id", "remarks"})
         for name, needed in _NEEDED_COLUMNS.items():
             if name in self.metrics:
                 _require(name, self.metrics[name], needed)

@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
 from ssm_pipeline import storage
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -124,7 +122,7 @@ def _matcher_and_method(context: Context) -> tuple[Path | None, PairMethod]:
 def _template(context: Context) -> str:
     wanted = context.settings.template
     if wanted is None:
-        losses = pd.read_csv(context.folder("training") / "template_losses.csv", dtype={0: str})
+        losses = storage.read_table(context.folder("training") / "template_losses.csv")
         return str(losses.loc[losses["mean_loss"].idxmin(), "case_id"])
     if wanted not in context.case_keys:
         raise StudyError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ssm_pipeline.engine.stage import Stage
 from ssm_pipeline.stages.anatomy import what_the_evaluation_rests_on
+from ssm_pipeline.stages.cohort_check import check_meshes
 from ssm_pipeline.stages.correspondence import match_cases
 from ssm_pipeline.stages.data import list_cases
 from ssm_pipeline.stages.evaluation import evaluate_methods
@@ -22,6 +23,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         lambda s: {"data": s.data.model_dump(mode="json", exclude={"folder"})},
     ),
     Stage("meshing", make_meshes, what_meshes_rest_on, needs=("data",)),
+    Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",)),
     Stage(
         "spectral",
         make_bases,

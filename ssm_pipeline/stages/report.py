@@ -78,6 +78,11 @@ def report_content(run: Run) -> ReportContent:
         versions=versions(),
         seed=run.settings["seed"],
         training=_losses(run),
+        check=run.cohort_check,
+        check_pictures={
+            path.stem: path.read_bytes()
+            for path in sorted((run.folder / "cohort_check" / "pictures").glob("*.png"))
+        },
     )
 
 

@@ -99,9 +99,13 @@ class Run:
     @property
     def mesh_quality(self) -> pd.DataFrame:
         """A row a case: triangles, Euler number, volume and its change, warnings."""
-        path = self._file("meshing", "quality.csv")
-        table = pd.read_csv(path, dtype={"case_id": str, "warnings": str})
-        return table.fillna({"warnings": ""})
+        return storage.read_table(self._file("meshing", "quality.csv")).fillna({"warnings": ""})
+
+    @property
+    def cohort_check(self) -> pd.DataFrame:
+        """A row a case: how far it is from the others; `remarks` says what is striking of it."""
+        table = storage.read_table(self._file("cohort_check", "cohort_check.csv"))
+        return table.fillna({"remarks": ""})
 
     @property
     def stages(self) -> tuple[StageRecord, ...]:

@@ -7,7 +7,7 @@ import dataclasses
 import pandas as pd
 import pytest
 
-from ssm_pipeline.report.cohort_check import STRIKING, check_cases
+from ssm_pipeline.report.cohort_check import check_cases
 
 
 def checked(content, **columns):
@@ -17,13 +17,11 @@ def checked(content, **columns):
 
 
 def test_striking_cases_come_first_with_their_reason(content):
-    scores = [0.0] * 8
-    scores[5] = -STRIKING - 0.1
     remarks = [""] * 8
-    remarks[2] = "mirrored"
-    found = checked(content, volume_z=scores, remarks=remarks)
+    remarks[2], remarks[5] = "mirrored", "size"
+    found = checked(content, volume_z=[0.0] * 8, remarks=remarks)
     assert [case.case_id for case in found.cases[:3]] == ["blob.002", "blob.005", "blob.000"]
-    assert [case.remark for case in found.cases[:3]] == ["mirrored", "z: volume −3.6", ""]
+    assert [case.remark for case in found.cases[:3]] == ["mirrored", "size", ""]
     assert found.striking == 2
     assert found.cases[0].picture == "data:image/png;base64,cG5n"
     assert found.cases[1].picture is None
@@ -35,6 +33,6 @@ def test_without_a_check_there_is_no_section(content):
         dataclasses.replace(content, check=pd.DataFrame({"volume_z": [1.0]}))
 
 
-def test_scores_alone_and_unknown_scores_are_enough(content):
-    found = checked(content, volume_z=[float("nan")] * 8)
+def test_unknown_scores_and_no_remarks(content):
+    found = checked(content, volume_z=[float("nan")] * 8, remarks=[None] * 8)
     assert found.striking == 0

@@ -1,0 +1,67 @@
+"""The whole cohort check on meshes in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline.cohort_check.fingerprint import fingerprint, log_spectra, typical_cases
+from ssm_pipeline.cohort_check.judge import judge
+from ssm_pipeline.cohort_check.rigid_fit import Posed, best_fit, fit_to
+from ssm_pipeline.records import Mesh, StudyError
+
+ALIKE_SIZE, ALIKE_SPECTRUM = 5e-3, 5e-2  # of logarithms: nearer, two cases may be one
+ALIKE_PERCENT = 0.3  # of √area: no two organs lie that close, two meshes of one organ do
+
+
+def check_cohort(
+    meshes: Sequence[Mesh], seed: int = 0, left_out_percent: Mapping[str, float] | None = None
+) -> pd.DataFrame:
+    """A row a case, as `judge` returns it: who does not look like the others, and why.
+
+    meshes  closed, mm, each with its case id; at least 2.
+    seed    of the points that the surfaces are compared by.
+    left_out_percent  case → what was left out of it as separate pieces, where known.
+    Raises  StudyError for fewer than 2 meshes.
+    """
+    if len(meshes) < 2:
+        raise StudyError(f"{len(meshes)} case(s); to compare them, at least 2 are needed.")
+    case_ids = [mesh.case_id for mesh in meshes]
+    numbers = pd.DataFrame([fingerprint(mesh) for mesh in meshes])
+    by_id = dict(zip(case_ids, meshes, strict=True))
+    typical = [by_id[case_id] for case_id in typical_cases(case_ids, numbers)]
+    fits = pd.DataFrame([fit_to(mesh, typical, seed) for mesh in meshes])
+    table = pd.concat([numbers, fits], axis=1)
+    table.insert(0, "case_id", case_ids)
+    left_out = left_out_percent or {}
+    table["left_out_percent"] = [left_out.get(case_id, 0.0) for case_id in case_ids]
+    return judge(table, twins(by_id, numbers, seed))
+
+
+def twins(
+    meshes: Mapping[str, Mesh], numbers: pd.DataFrame, seed: int
+) -> list[tuple[str, str, str]]:
+    """Pairs of cases that are one organ twice, or one the mirror image of the other.
+
+    meshes in the order of the rows of `numbers`. Only pairs of equal size and spectrum are laid
+    on each other, which is few of the N² of them.
+    """
+    case_ids = list(meshes)
+    sizes = np.log(numbers[["volume_ml", "area_cm2"]].to_numpy(float))
+    spectra = log_spectra(numbers)
+    found = []
+    for one in range(len(case_ids)):
+        same_size = np.abs(sizes[one + 1 :] - sizes[one]).max(axis=1) < ALIKE_SIZE
+        same_form = np.abs(spectra[one + 1 :] - spectra[one]).mean(axis=1) < ALIKE_SPECTRUM
+        for other in one + 1 + np.flatnonzero(same_size & same_form):
+            first, second = (
+                Posed.of(meshes[case_ids[index]], seed) for index in (one, int(other))
+            )
+            apart = 100 * best_fit(first, second).distance
+            mirrored = 100 * best_fit(first.mirrored(), second).distance
+            if min(apart, mirrored) < ALIKE_PERCENT:
+                what = "the same" if apart <= mirrored else "the mirror image"
+                found.append((case_ids[one], case_ids[int(other)], what))
+    return found
