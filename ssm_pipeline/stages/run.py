@@ -99,13 +99,12 @@ class Run:
     @property
     def mesh_quality(self) -> pd.DataFrame:
         """A row a case: triangles, Euler number, volume and its change, warnings."""
-        return storage.read_table(self._file("meshing", "quality.csv")).fillna({"warnings": ""})
+        return _with_text(self._file("meshing", "quality.csv"), "warnings")
 
     @property
     def cohort_check(self) -> pd.DataFrame:
         """A row a case: how far it is from the others; `remarks` says what is striking of it."""
-        table = storage.read_table(self._file("cohort_check", "cohort_check.csv"))
-        return table.fillna({"remarks": ""})
+        return _with_text(self._file("cohort_check", "cohort_check.csv"), "remarks")
 
     @property
     def stages(self) -> tuple[StageRecord, ...]:
@@ -132,6 +131,12 @@ class Run:
                 "to its end: workflow run."
             )
         return path
+
+
+def _with_text(path: Path, column: str) -> pd.DataFrame:
+    """A table with a column of text, empty where nothing is written: also where nowhere is."""
+    table = storage.read_table(path)
+    return table.astype({column: object}).fillna({column: ""})
 
 
 def load_run(folder: str | Path) -> Run:
