@@ -22,6 +22,7 @@ from ssm_pipeline.stages.run import Frames, Run
 from ssm_pipeline.study.settings import StudySettings
 
 READERS = {".h5": read_statismo, ".npz": load_model}
+FEWEST_FACES = 1000  # of a patient's surface: a model of few vertices is fitted to more
 MEAN = "mean"  # stands in for the cases where the file holds none
 
 
@@ -52,6 +53,7 @@ def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ..
         {
             "description": f"A model imported from {path.name}",
             "data": {"source": "masks", "labels": list(labels or (1,))},
+            "meshing": {"faces": max(FEWEST_FACES, len(model.faces))},  # as dense as the model
         }
     )
     _write_run(model, settings, folder)
