@@ -196,6 +196,91 @@ def phantoms(
 
 
 @benchmark.command()
+def results(
+    data: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--data", help="lungs=FOLDER or hippocampi=FOLDER. Repeated.", show_default=False
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="A part alone, as lungs. Repeated.", show_default=False)
+    ] = None,
+    folder: Annotated[Path, typer.Option("--to", help="Where to.")] = Path("docs/results"),
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """Every number of the results page, with seed, commit, machine and minutes; part by part."""
+    from ssm_pipeline.commands.results import make_results
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.records import StudyError
+
+    folders: dict[str, Path] = {}
+    for word in data or []:
+        name, equals, place = word.partition("=")
+        if not equals:
+            raise StudyError(f"--data {word}: a name and a folder are needed, as lungs=FOLDER.")
+        folders[name] = Path(place)
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    made = make_results(folder, folders, options, terminal, only or [], changes or [])
+    terminal.say(f"{', '.join(made) or 'nothing'}: {folder / 'results.json'}")
+
+
+@benchmark.command()
+def spread(
+    study: StudyName,
+    data: DataFolder = None,
+    changes: Changes = None,
+    templates: Annotated[int, typer.Option(min=1, help="Templates, the best first.")] = 3,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds, from the study's own on.")] = 3,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """A study repeated with other seeds and other templates: how much its results vary."""
+    from ssm_pipeline.commands.spread import run_spread
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
+
+    chosen = read_study(study, data, changes or [])
+    options = RunOptions(runs / "spread", chosen_device(device), jobs or default_jobs())
+    terminal, first = Terminal(), chosen.settings.seed
+    wanted = range(first, first + seeds)
+    _, each, mean = run_spread(chosen.name, chosen.settings, options, terminal, wanted, templates)
+    path = runs / "spread" / f"{chosen.name}-spread.csv"
+    each.to_csv(path.with_name(f"{chosen.name}-spread-runs.csv"), index=False)
+    mean.to_csv(path, index=False)
+    terminal.say(mean.round(3).to_string(index=False))
+    terminal.say(f"table: {path}")
+
+
+@benchmark.command()
+def s3m(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")],
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """Scores of S3M after 1, 3, 10 and 30 epochs of a run's one training, and its losses."""
+    from ssm_pipeline.commands.s3m_epochs import score_s3m_epochs
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.terminal import Terminal
+
+    terminal = Terminal()
+    table = score_s3m_epochs(
+        run_folder, terminal, device=chosen_device(device), jobs=jobs or default_jobs()
+    )
+    terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"tables: {run_folder / 'evaluation' / 'S3M'}")
+
+
+@benchmark.command()
 def matching(
     data: Annotated[
         Path | None,

@@ -19,6 +19,9 @@ PairMethod = Literal[
 ]
 """Ways to match one template to one case (`adaptation.correspond`)."""
 
+Registration = Literal["affine nearest", "nricp", "cpd"]
+"""Plain registrations of one template to one case (`baselines.register`)."""
+
 Method = Literal[
     "full",
     "without groupwise",
@@ -30,6 +33,12 @@ Method = Literal[
     "adaptation only",
     "adaptation only, groupwise",
     "nearest point",
+    "affine nearest",
+    "affine nearest, groupwise",
+    "nricp",
+    "nricp, groupwise",
+    "cpd",
+    "cpd, groupwise",
     "S3M",
     "S3M tuned",
 ]
@@ -37,13 +46,25 @@ Method = Literal[
 
 FULL: Literal["full"] = "full"
 TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
-RETRAINED = "full, retrained folds"  # the matcher has not seen the held-out case
 METHODS: tuple[Method, ...] = get_args(Method)
+REGISTRATIONS: tuple[Registration, ...] = get_args(Registration)
 # Rows whose matching looks at one case at a time: no training, no cohort's mean.
-ONE_CASE_AT_A_TIME: tuple[str, ...] = ("adaptation only", "nearest point", TRUTH)
+ONE_CASE_AT_A_TIME: tuple[str, ...] = ("adaptation only", "nearest point", *REGISTRATIONS, TRUTH)
 # Rows that use no network: nothing is trained for them.
 WITHOUT_NETWORK: tuple[str, ...] = (
     "adaptation only",
     "adaptation only, groupwise",
     "nearest point",
+    *REGISTRATIONS,
+    *(f"{registration}, groupwise" for registration in REGISTRATIONS),
 )
+
+
+def registration_of(method: str) -> Registration | None:
+    """The plain registration that a row rests on, if it rests on one.
+
+    >>> registration_of("nricp, groupwise")
+    'nricp'
+    """
+    alone = method.removesuffix(", groupwise")
+    return next((name for name in REGISTRATIONS if name == alone), None)

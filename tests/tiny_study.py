@@ -50,6 +50,7 @@ def tiny_settings(masks: Path, steps: int = 6) -> StudySettings:
                 "surface_points": 50,
                 "screening_points": 50,
                 "bootstrap_draws": 100,
+                "jackknife_samples": 2,
             },
             "comparison": {
                 "methods": ["adaptation only", "S3M"],

@@ -8,6 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.evaluation.paired import (
+    PairedDifference,
+    holm,
+    over_cases,
+    over_left_out_cases,
+)
 from ssm_pipeline.records import Metrics
 
 # Cao et al. 2024 ("Spectral Meets Spatial", CVPR), statistical shape models of 22 left lungs of
@@ -23,6 +29,15 @@ PAPER_LUNA16 = pd.DataFrame(
 )
 
 
+DISTANCES = ("surface", "chamfer", "hd95")
+# Compared with the baseline: measure, distance. The specificity of draws by Chamfer is not.
+COMPARED = (
+    ("generalisation", "surface"),
+    ("specificity", "surface"),
+    ("generalisation", "chamfer"),
+)
+
+
 def compare(
     methods: Mapping[str, Metrics],
     baseline: str,
@@ -30,19 +45,21 @@ def compare(
     generator: np.random.Generator,
     modes: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
-    """One row a method: G(M) and S(M) with standard errors, and the difference to the baseline.
+    """One row per method: G(M) and S(M) with standard errors, and the difference to the baseline.
 
     methods   name → Metrics of `evaluate_method`, all of the same cases, points and seed.
     draws     bootstrap resamplings of the cases.
     modes     M of each method; by default the same for all, the most that every method has.
 
     Returns   method, modes, variance_percent (what M modes hold of the method's own variance),
-              cases, points, then generalisation_<d>_mm, generalisation_<d>_se_mm,
-              specificity_<d>_mm, specificity_<d>_se_mm for d = chamfer, surface, hd95;
-              generalisation_correspondence_mm; the means over all numbers of modes
-              generalisation_chamfer_curve_mm, specificity_chamfer_curve_mm; and, for the Chamfer
-              generalisation against the baseline, difference_mm with its 95 % bootstrap interval
-              difference_low_mm … difference_high_mm and lower_percent; specificity_lower_percent.
+              variance_mm2 (of all its modes: mean over the points of the squared distance from the
+              mean), cases, points; <measure>_<d>_mm and <measure>_<d>_se_mm for generalisation
+              and specificity and d = surface, chamfer, hd95; generalisation_correspondence_mm; the
+              means over all numbers of modes generalisation_chamfer_curve_mm and
+              specificity_chamfer_curve_mm; and, of each pair in `COMPARED`, the difference to the
+              baseline on the same cases <measure>_<d>_difference_mm, its 95 % interval
+              <measure>_<d>_low_mm … <measure>_<d>_high_mm and <measure>_<d>_p, corrected by Holm
+              for the number of methods (`evaluation.paired`); NaN where it was not measured.
     Raises ValueError where methods were not scored alike.
     """
     if baseline not in methods:
@@ -51,48 +68,68 @@ def compare(
     if modes is None:
         shared = set.intersection(*(set(_scored_modes(metrics)) for metrics in methods.values()))
         modes = dict.fromkeys(methods, max(shared))  # one mode, at least, is always scored
-    rows = [_row(name, metrics, modes[name]) for name, metrics in methods.items()]
-    reference = _at(methods[baseline].tables["generalisation"], modes[baseline])
-    specificity = _at(methods[baseline].tables["specificity"], modes[baseline])["chamfer_mm"].item()
-    for row, (name, metrics) in zip(rows, methods.items(), strict=True):
-        cases = _at(metrics.tables["generalisation"], modes[name])
-        row |= paired_difference(cases, reference, "chamfer_mm", draws, generator)
-        row["specificity_lower_percent"] = 100 * (1 - row["specificity_chamfer_mm"] / specificity)
-    return pd.DataFrame(rows)
+    table = pd.DataFrame([_row(name, metrics, modes[name]) for name, metrics in methods.items()])
+    for measure, distance in COMPARED:
+        found = [
+            None
+            if name == baseline
+            else _difference(
+                measure,
+                distance,
+                (metrics, modes[name]),
+                (methods[baseline], modes[baseline]),
+                draws,
+                generator,
+            )
+            for name, metrics in methods.items()
+        ]
+        column = f"{measure}_{distance}"
+        for part, field in (("difference", "value"), ("low", "low"), ("high", "high")):
+            table[f"{column}_{part}_mm"] = [
+                0.0 if name == baseline else np.nan if d is None else getattr(d, field)
+                for name, d in zip(methods, found, strict=True)
+            ]
+        table[f"{column}_p"] = holm([np.nan if d is None else d.p for d in found])
+    return table
 
 
 def modes_holding(metrics: Metrics, share: float) -> int:
-    """The fewest modes that hold a share (0 … 1) of the variance, of the numbers scored.
+    """The fewest modes that hold a share (0 … 1) of the variance.
 
-    Where no number scored holds so much (leaving a case out takes a mode away), the largest.
+    Where leaving a case out leaves fewer modes than that, the most that were scored.
+    Raises ValueError where that number of modes was not scored (`evaluate_method` scores it).
     """
     held = metrics.tables["compactness"].set_index("modes")["share"]
+    wanted = int(held.index[held >= share - 1e-12][0])
     scored = _scored_modes(metrics)
-    return next((modes for modes in scored if held[modes] >= share), scored[-1])
+    if wanted not in scored and wanted < scored[-1]:
+        raise ValueError(f"{wanted} modes hold {share:.0%}; scored were {scored}")
+    return min(wanted, scored[-1])
 
 
-def paired_difference(
-    cases: pd.DataFrame,
-    baseline: pd.DataFrame,
-    column: str,
+def _difference(
+    measure: str,
+    distance: str,
+    own: tuple[Metrics, int],
+    baseline: tuple[Metrics, int],
     draws: int,
     generator: np.random.Generator,
-) -> dict[str, float]:
-    """Mean difference over the cases (method − baseline) with its 95 % bootstrap interval.
-
-    cases, baseline  tables a row per case; compared case by case, by case_id.
-    Source: percentile bootstrap over cases, Efron 1979.
-    """
-    own, other = (table.set_index("case_id")[column] for table in (cases, baseline))
-    difference = (own - other.loc[own.index]).to_numpy()
-    picks = generator.integers(len(difference), size=(draws, len(difference)))
-    low, high = np.percentile(difference[picks].mean(axis=1), [2.5, 97.5])
-    return {
-        "difference_mm": float(difference.mean()),
-        "difference_low_mm": float(low),
-        "difference_high_mm": float(high),
-        "lower_percent": float(100 * (1 - own.mean() / other.mean())),
-    }
+) -> PairedDifference | None:
+    """Each side a method's metrics and its number of modes; None where it was not measured."""
+    if measure == "generalisation":
+        cases, others = (_at(m.tables["generalisation"], modes) for m, modes in (own, baseline))
+        return over_cases(cases, others, f"{distance}_mm", draws, generator)
+    left_out: list[pd.DataFrame] = []
+    drawn: list[pd.DataFrame] = []
+    for metrics, modes in (own, baseline):
+        for name, found in (("specificity_jackknife", left_out), ("specificity_draws", drawn)):
+            table = metrics.tables.get(name)
+            table = None if table is None else table[table["modes"] == modes]
+            if table is None or table.empty:
+                return None
+            found.append(table)
+    pair = [table.sort_values("draw")[f"{distance}_mm"].to_numpy() for table in drawn]
+    return over_left_out_cases(left_out[0], left_out[1], pair[0], pair[1])
 
 
 def _row(name: str, metrics: Metrics, modes: int) -> dict[str, Any]:
@@ -103,10 +140,11 @@ def _row(name: str, metrics: Metrics, modes: int) -> dict[str, Any]:
         "method": name,
         "modes": modes,
         "variance_percent": 100 * held,
+        "variance_mm2": metrics.tables["compactness"]["variance_per_point_mm2"].sum(),
         "cases": len(cases),
         "points": int(cases["points"].iloc[0]),
     }
-    for distance in ("chamfer", "surface", "hd95"):
+    for distance in DISTANCES:
         row |= {
             f"generalisation_{distance}_mm": cases[f"{distance}_mm"].mean(),
             f"generalisation_{distance}_se_mm": cases[f"{distance}_mm"].sem(),

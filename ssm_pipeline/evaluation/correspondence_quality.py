@@ -19,10 +19,13 @@ def correspondence_quality(
     meshes: Sequence[Mesh],
     settings: EvaluationSettings,
     generator: np.random.Generator,
+    fitted: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """Fit, orientation, coverage and bijectivity of each case's template.
 
     shapes   (N, V, 3) mm, aligned; meshes: N, in the same order and frame.
+    fitted   (N, V, 3) mm, the same before they were carried onto the cases' surfaces; None: never
+             fitted, and the columns of it are NaN.
     Returns  one row per case:
         to_case_mm, to_case_hd95_mm       template vertices to the case's triangles
         from_case_mm, from_case_hd95_mm   case vertices to the template's triangles
@@ -38,13 +41,17 @@ def correspondence_quality(
         round_trip_mm                     template vertex → nearest case vertex → nearest template
                                           vertex: mean distance between the first and the last,
                                           on the mean shape
+        fitted_surface_mm, fitted_hd95_mm, fitted_flipped_percent
+                                          the first three of the shapes as fitted: points that were
+                                          carried onto a case lie on it however bad the fit was
     """
     reference = shapes.vertices.mean(axis=0)
     rows = [
         _fit(vertices, shapes.faces, mesh)
         | _coverage(vertices, mesh, settings, generator)
         | _bijectivity(vertices, reference, mesh)
-        for vertices, mesh in zip(shapes.vertices, meshes, strict=True)
+        | _before_carrying(None if fitted is None else fitted[case], shapes.faces, mesh)
+        for case, (vertices, mesh) in enumerate(zip(shapes.vertices, meshes, strict=True))
     ]
     table = pd.DataFrame(rows)
     table.insert(0, "case_id", list(shapes.case_ids))
@@ -72,6 +79,14 @@ def _fit(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> dict[str, float
         "hd95_mm": both.hd95,
         "flipped_percent": 100 * flipped_share(vertices, faces, mesh),
     }
+
+
+def _before_carrying(
+    fitted: np.ndarray | None, faces: np.ndarray, mesh: Mesh
+) -> dict[str, float]:
+    names = ("surface_mm", "hd95_mm", "flipped_percent")
+    found = dict.fromkeys(names, np.nan) if fitted is None else _fit(fitted, faces, mesh)
+    return {f"fitted_{name}": found[name] for name in names}
 
 
 def _coverage(

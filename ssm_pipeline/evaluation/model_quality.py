@@ -24,11 +24,12 @@ from ssm_pipeline.shape_model.pca import build
 
 
 def compactness(model: ShapeModel) -> pd.DataFrame:
-    """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, share (0 … 1)."""
+    """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, variance_per_point_mm2, share (0 … 1)."""
     return pd.DataFrame(
         {
             "modes": np.arange(1, model.mode_count + 1),
             "variance_mm2": model.variances,
+            "variance_per_point_mm2": model.variances / len(model.mean),
             "share": model.compactness,
         }
     )
@@ -48,7 +49,7 @@ def move_meshes(
             f"{len(missing)} of {len(case_ids)} corresponded cases have no mesh "
             f"({', '.join(missing[:5])}); pass the meshes the correspondences were made from."
         )
-    return [_moved(by_id[i], frame) for i, frame in zip(case_ids, frames, strict=True)]
+    return [moved(by_id[i], frame) for i, frame in zip(case_ids, frames, strict=True)]
 
 
 def generalisation(
@@ -58,6 +59,7 @@ def generalisation(
     generator: np.random.Generator,
     with_scale: bool = False,
     folds: Sequence[np.ndarray] | None = None,
+    also: Sequence[int] = (),
 ) -> pd.DataFrame:
     """G(M): how well a model explains a case it was not built from.
 
@@ -68,6 +70,7 @@ def generalisation(
     aligned    N shapes, N >= 4. meshes: N, in the same frame and order (`move_meshes`).
     with_scale as in the alignment of the model.
     folds      the cases held out at a time (`held_out_folds`); by default one.
+    also       numbers of modes asked for beside those of the curve.
     Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out; with folds, as
                many as the smallest model has, for all): case_id, modes,
                chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
@@ -83,7 +86,7 @@ def generalisation(
     table = pd.concat(
         [
             held_out_errors(
-                aligned, meshes, held_out, limit, points, settings, generator, with_scale
+                aligned, meshes, held_out, limit, points, settings, generator, with_scale, also
             )
             for held_out in folds
         ]
@@ -153,17 +156,18 @@ def held_out_errors(
     settings: EvaluationSettings,
     generator: np.random.Generator,
     with_scale: bool = False,
+    also: Sequence[int] = (),
 ) -> pd.DataFrame:
     """`generalisation` of one fold: the cases `held_out` (indices), rebuilt by a model of the rest.
 
     limit   the largest number of modes asked (`most_modes`).
     points  where the Chamfer distance is measured, of a shape in the model's frame.
     """
-    model, frames = _model_without(aligned, held_out, with_scale)
-    modes = mode_counts(min(limit, model.mode_count), settings.mode_counts)
+    model, frames = model_without(aligned, held_out, with_scale)
+    modes = mode_counts(min(limit, model.mode_count), settings.mode_counts, also)
     rows: list[dict[str, object]] = []
     for case, frame in zip(held_out, frames, strict=True):
-        mesh = _moved(meshes[case], frame)
+        mesh = moved(meshes[case], frame)
         shape = frame.apply(aligned.vertices[case])
         rows += _reconstruction_errors(model, shape, mesh, modes, points, generator)
     return pd.DataFrame(rows)
@@ -219,7 +223,7 @@ def _reconstruction_errors(
     return rows
 
 
-def _model_without(
+def model_without(
     aligned: CorrespondedShapes, held_out: np.ndarray, with_scale: bool
 ) -> tuple[ShapeModel, list[Similarity]]:
     """The model of the other cases, and for each held-out case its frame onto that model."""
@@ -232,5 +236,5 @@ def _model_without(
     return model, frames
 
 
-def _moved(mesh: Mesh, frame: Similarity) -> Mesh:
+def moved(mesh: Mesh, frame: Similarity) -> Mesh:
     return dataclasses.replace(mesh, vertices=frame.apply(mesh.vertices))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import Field
@@ -20,15 +21,25 @@ class EvaluationSettings(Settings):
     screening_errors: float = Field(2.0, ge=0)  # standard errors a mesh must be worse by to be out
     mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
     folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0 leaves one case out a time
+    # Draws of each model built without one case, for the interval of specificity; 0: no interval.
+    jackknife_samples: int = Field(24, ge=0)
+    fit_surfaces: bool = True  # generalisation also by fitting the model to the surface alone
     coverage_edges: float = Field(1.5, gt=0)  # "no template point near", in mean edge lengths
     labels: bool = True  # carry labels of parts from case to case, where the masks have several
     landmarks: Path | None = None  # folder of <case id>.mrk.json with the same names; None: none
     bootstrap_draws: int = Field(10_000, ge=100)  # resamplings of the cases, for intervals
 
 
-def mode_counts(total: int, limit: int) -> list[int]:
-    """The numbers of modes that a curve is computed at: 1 … total, or `limit` of them, even."""
+def mode_counts(total: int, limit: int, also: Sequence[int] = ()) -> list[int]:
+    """The numbers of modes that a curve is computed at: 1 … total, or `limit` of them, even.
+
+    also  more of them, such as those that hold 95 % of the variance; none above the total.
+
+    >>> mode_counts(20, 3, also=[7])
+    [1, 7, 10, 20]
+    """
     if total <= limit:
         return list(range(1, total + 1))
     step = (total - 1) / max(limit - 1, 1)
-    return sorted({1 + round(index * step) for index in range(limit)})
+    even = {1 + round(index * step) for index in range(limit)}
+    return sorted(even | {modes for modes in also if modes <= total})

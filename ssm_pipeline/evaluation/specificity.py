@@ -30,11 +30,12 @@ def specificity(
     generator: np.random.Generator,
     jobs: int = 1,
     modes: Sequence[int] | None = None,
-) -> pd.DataFrame:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """S(M): mean distance of the model's draws to the nearest training mesh.
 
     The draws for M modes are those for all modes, cut off after M (common random numbers): the
-    curve over M is smooth, and its differences are far surer than its values.
+    curve over M is smooth, and its differences are far surer than its values. They are made of
+    random weights of the cases (`drawn_scores`), so those of another method pair with them.
 
     meshes   the training meshes, in the model's frame (`model_quality.move_meshes`).
     modes    the numbers of modes; by default 1 … all, or `settings.mode_counts` of them.
@@ -42,16 +43,18 @@ def specificity(
     Returns  one row per M: modes, chamfer_mm, chamfer_se_mm, samples; surface_mm, surface_se_mm,
              hd95_mm, hd95_se_mm, surface_samples;
              chamfer_floor_mm, the mean Chamfer of two samplings of one training mesh; points.
-             Standard errors are over the draws.
+             Standard errors are over the draws. And one row per M and draw that was scored vertex
+             to triangle: modes, draw, surface_mm.
     """
     points = FixedPoints.of(model.mean, model.faces, settings.points, generator)
     samples, again = (
-        [_even_samples(mesh, points.count, generator) for mesh in meshes] for _ in range(2)
+        [even_samples(mesh, points.count, generator) for mesh in meshes] for _ in range(2)
     )
     floor = np.mean(
         [chamfer(*map(PointTarget.of, pair)) for pair in zip(samples, again, strict=True)]
     )
-    scores = generator.standard_normal((settings.samples, model.mode_count))
+    weights = generator.standard_normal((settings.samples, len(model.case_ids)))
+    scores = drawn_scores(model, weights)
     if modes is None:
         modes = mode_counts(model.mode_count, settings.mode_counts)
     tasks = [
@@ -61,8 +64,19 @@ def specificity(
     # Many small queries: a process a core, a thread a process. Threads that share a query wait
     # for each other; on a busy machine that made one draw cost 54 ms instead of 8.
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks)
-    return pd.DataFrame(rows).assign(chamfer_floor_mm=floor, points=points.count)
+        rows, draws = zip(*joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks), strict=True)
+    table = pd.DataFrame(list(rows)).assign(chamfer_floor_mm=floor, points=points.count)
+    return table, pd.concat(draws, ignore_index=True)
+
+
+def drawn_scores(model: ShapeModel, weights: np.ndarray) -> np.ndarray:
+    """Scores (n, M) of draws from the model's normal distribution, in standard deviations.
+
+    weights (n, N), independent standard normal: draw = mean + Σ_i w_i (x_i − mean) / √(N − 1),
+    which has the model's covariance exactly. Two models of the same cases then draw alike: of one
+    and the same correspondence the same shapes, whatever the order and signs of their modes.
+    """
+    return weights @ model.scores / np.sqrt(len(model.case_ids) - 1)
 
 
 def _row(
@@ -72,7 +86,7 @@ def _row(
     samples: Sequence[np.ndarray],
     meshes: Sequence[Mesh],
     settings: EvaluationSettings,
-) -> dict[str, float]:
+) -> tuple[dict[str, float], pd.DataFrame]:
     """One number of modes: the model cut off there, and as many scores (n, M) of each draw."""
     fields = (points.on(model.modes) * model.standard_deviations[:, None, None]).astype(np.float32)
     draws = np.tensordot(scores.astype(np.float32), fields, axes=1)
@@ -83,8 +97,11 @@ def _row(
         settings.screening_points,
         settings.screening_errors,
     )
-    surface = _nearest_surface(model, scores[: settings.surface_samples], meshes, left, settings)
-    return (
+    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
+    shapes = model.reconstruct(scores[: settings.surface_samples])
+    candidates = [kept[:2] for kept in left]
+    surface = nearest_surface(shapes, model.faces, surfaces, candidates, settings.surface_points)
+    row = (
         {"modes": model.mode_count}
         | _mean_and_error("chamfer", nearest)
         | {"samples": len(nearest)}
@@ -92,6 +109,8 @@ def _row(
         | _mean_and_error("hd95", surface[:, 1])
         | {"surface_samples": len(surface)}
     )
+    per_draw = {"modes": model.mode_count, "draw": range(len(surface)), "surface_mm": surface[:, 0]}
+    return row, pd.DataFrame(per_draw)
 
 
 def nearest_chamfer(
@@ -110,30 +129,35 @@ def nearest_chamfer(
     standard error (which is as of free draws), so that 2 of them are nearly 7 of the true: the
     nearest target is missed practically never (tests, benchmarks/bench_evaluation.py).
 
-    Returns (n,) distances and, per draw, the indices of the targets left, nearest first.
+    Returns (n,) distances and, per draw, the indices of the targets left by `screening_points`,
+    nearest first. Eight times as many points then spare most of the full comparisons.
     """
     size = draws.shape[1]
     screens = [_even_subset(size, screening_points // 4), _even_subset(size, screening_points)]
+    finer = _even_subset(size, 8 * screening_points)
     nearest, left = np.empty(len(draws)), []
     for index, points in enumerate(draws):
         draw, kept = PointTarget.of(points), np.arange(len(targets))
         for subset in screens:
-            estimate, error = _estimates(draw, [targets[int(t)] for t in kept], subset)
+            estimate, error = estimates(draw, [targets[int(t)] for t in kept], subset)
             margin = screening_errors * error
             best = estimate.argmin()
             possible = estimate - margin <= estimate[best] + margin[best]
             kept, bound, estimate = (v[possible] for v in (kept, estimate - margin, estimate))
         order = estimate.argsort()
+        left.append(kept[order])
+        if len(kept) > 1:
+            estimate, error = estimates(draw, [targets[int(t)] for t in kept], finer)
+            bound, order = estimate - screening_errors * error, estimate.argsort()
         distance = np.inf
         for target, lowest in zip(kept[order], bound[order], strict=True):
             if lowest <= distance:
                 distance = min(distance, chamfer(draw, targets[target]))
         nearest[index] = distance
-        left.append(kept[order])
     return nearest, left
 
 
-def _estimates(
+def estimates(
     draw: PointTarget, targets: Sequence[PointTarget], subset: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T,) Chamfer distances from a subset of the points, and their standard errors."""
@@ -149,33 +173,33 @@ def _even_subset(size: int, count: int) -> np.ndarray:
     return np.linspace(0, size - 1, min(count, size)).round().astype(np.int64)
 
 
-def _nearest_surface(
-    model: ShapeModel,
-    scores: np.ndarray,
-    meshes: Sequence[Mesh],
-    left: Sequence[np.ndarray],
-    settings: EvaluationSettings,
+def nearest_surface(
+    shapes: np.ndarray,
+    faces: np.ndarray,
+    surfaces: Sequence[SurfaceTarget],
+    candidates: Sequence[np.ndarray],
+    count: int,
 ) -> np.ndarray:
-    """(n, 2) symmetric mean and HD95 to the nearest of at most two meshes left by Chamfer.
+    """(n, 2) symmetric mean and HD95 of each shape (n, V, 3) to the nearest of its candidates.
 
-    From an even subset of either's vertices to the other's triangles.
+    candidates  per shape, indices into `surfaces`.
+    count       about as many of either's vertices are asked of the other's triangles.
     """
-    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
-    result = np.empty((len(scores), 2))
-    for index, vertices in enumerate(model.reconstruct(scores)):
-        draw = SurfaceTarget.of(vertices, model.faces)
+    result = np.empty((len(shapes), 2))
+    for index, vertices in enumerate(shapes):
+        draw = SurfaceTarget.of(vertices, faces)
         found = []
-        for target in left[index][:2]:
+        for target in candidates[index]:
             surface = surfaces[target]
-            out = surface.distances_to(_thinned(vertices, settings.surface_points))
-            back = draw.distances_to(_thinned(surface.vertices, settings.surface_points))
+            out = surface.distances_to(_thinned(vertices, count))
+            back = draw.distances_to(_thinned(surface.vertices, count))
             distance = symmetric(out, back)
             found.append((distance.mean, distance.hd95))
         result[index] = np.min(found, axis=0)
     return result
 
 
-def _even_samples(mesh: Mesh, count: int, generator: np.random.Generator) -> np.ndarray:
+def even_samples(mesh: Mesh, count: int, generator: np.random.Generator) -> np.ndarray:
     samples = sample_points(mesh.vertices, mesh.faces, count, generator)
     return samples[spatial_order(samples)]
 

@@ -7,17 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline.evaluation.comparison import (
-    PAPER_LUNA16,
-    compare,
-    modes_holding,
-    paired_difference,
-)
-from ssm_pipeline.evaluation.model_quality import mean_over_cases
-from ssm_pipeline.methods import FULL, ONE_CASE_AT_A_TIME, RETRAINED
+from ssm_pipeline.evaluation.comparison import PAPER_LUNA16, compare, modes_holding
+from ssm_pipeline.evaluation.paired import holm, over_cases
+from ssm_pipeline.methods import FULL, ONE_CASE_AT_A_TIME
 from ssm_pipeline.records import Metrics
 
 GENERALISATION = ("generalisation", "generalisation_mean")
+# What intervals rest on: long, and kept in each method's folder only.
+_PER_METHOD = ("specificity_draws", "specificity_jackknife")
 
 
 def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
@@ -33,6 +30,7 @@ def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
             ignore_index=True,
         )
         for name in sorted({name for metrics in scores.values() for name in metrics.tables})
+        if name not in _PER_METHOD
     }
     for name in GENERALISATION:
         # Without labels; and the shape model is always built without the case.
@@ -48,22 +46,37 @@ def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
 def comparisons(
     scores: Mapping[str, Metrics], bootstrap_draws: int, seed: int, with_paper: bool = False
 ) -> dict[str, pd.DataFrame]:
-    """The methods side by side, against S3M where it is among them.
+    """The methods side by side, each against the full one.
 
     comparison     the same number of modes for all.
     comparison_95  so many modes a method as hold 95 % of its own variance.
     paper          where asked for: the numbers published of LUNA16, on other data.
     """
-    baseline = "S3M" if "S3M" in scores else FULL
     own_modes = {method: modes_holding(metrics, 0.95) for method, metrics in scores.items()}
     first, second = np.random.default_rng(seed).spawn(2)
     tables = {
-        "comparison": compare(scores, baseline, bootstrap_draws, first),
-        "comparison_95": compare(scores, baseline, bootstrap_draws, second, own_modes),
+        "comparison": compare(scores, FULL, bootstrap_draws, first),
+        "comparison_95": compare(scores, FULL, bootstrap_draws, second, own_modes),
     }
+    tables["comparison"] = _with_surface_fits(tables["comparison"], scores)
     if with_paper:
         tables["paper"] = PAPER_LUNA16
     return tables
+
+
+def _with_surface_fits(
+    comparison: pd.DataFrame, scores: Mapping[str, Metrics]
+) -> pd.DataFrame:
+    """The comparison with surface_fit_mm: models fitted to held-out surfaces, mean over the cases,
+    with its standard error over them."""
+    columns: dict[str, list[float]] = {"surface_fit_mm": [], "surface_fit_se_mm": []}
+    for method in comparison["method"]:
+        table = scores[method].tables.get("surface_fits")
+        if table is None:
+            return comparison
+        columns["surface_fit_mm"].append(table["surface_mm"].mean())
+        columns["surface_fit_se_mm"].append(table["surface_mm"].sem())
+    return comparison.assign(**columns)
 
 
 def with_variance_kept(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
@@ -75,42 +88,55 @@ def with_variance_kept(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataF
     changed = {name: table for name, table in tables.items() if name != "variance_kept"}
     for name in ("comparison", "comparison_95"):
         table = tables[name].copy()
-        place = table.columns.get_loc("specificity_chamfer_mm")
+        place = table.columns.get_loc("specificity_surface_mm")
         assert isinstance(place, int)
         table.insert(place, "variance_kept_percent", table["method"].map(kept))
         changed[name] = table
     return changed
 
 
-def with_retrained(
+def with_unseen(
     tables: Mapping[str, pd.DataFrame],
-    retrained: pd.DataFrame,
+    unseen: Mapping[str, pd.DataFrame],
     bootstrap_draws: int,
     seed: int,
 ) -> dict[str, pd.DataFrame]:
-    """The generalisation tables with the retrained folds below the methods, and a new one.
+    """The tables, those of unseen cases, and the comparison with both columns.
 
-    retraining  one row: Chamfer generalisation at the most modes where the matcher has not seen
-                the case and where it has, their difference by case and its 95 % interval.
+    unseen  `unseen_generalisation` and `unseen_specificity` of the rows that learn. Of the others,
+            which meet each case as if it were unseen, generalisation is taken from its own table.
+    New columns of the comparison: unseen_generalisation_surface_mm, its standard error over the
+    cases, the difference to the full method with interval and p as elsewhere, and
+    unseen_specificity_surface_mm with seen_specificity_surface_mm beside it, both to the nearest of
+    as many cases (`evaluation.unseen`), means over the folds.
     """
-    mean = mean_over_cases(retrained).assign(method=RETRAINED, seed=seed)
-    extended = {
-        name: pd.concat(
-            [tables[name], rows.assign(matching_saw_case=False)[list(tables[name].columns)]],
-            ignore_index=True,
-        )
-        for name, rows in zip(GENERALISATION, (retrained, mean), strict=True)
-    }
-    modes = int(retrained["modes"].max())
-    cases = extended["generalisation"]
-    cases = cases[cases["modes"] == modes]
-    without, with_case = (cases[cases["method"] == method] for method in (RETRAINED, FULL))
+    learned = unseen["unseen_generalisation"]
+    modes = int(learned["modes"].max())
+    own = tables["generalisation"]
+    others = own[own["method"].isin(ONE_CASE_AT_A_TIME)]
+    cases = pd.concat([learned, others[learned.columns]], ignore_index=True)
+    at_modes = {method: t for method, t in cases[cases["modes"] == modes].groupby("method")}
     generator = np.random.default_rng(seed)
-    row = {
-        "modes": modes,
-        "cases": len(without),
-        "case_unseen_chamfer_mm": without["chamfer_mm"].mean(),
-        "case_seen_chamfer_mm": with_case["chamfer_mm"].mean(),
-        **paired_difference(without, with_case, "chamfer_mm", bootstrap_draws, generator),
-    }
-    return extended | {"retraining": pd.DataFrame([row]).drop(columns="lower_percent")}
+    rows = []
+    for method in tables["comparison"]["method"]:
+        row: dict[str, object] = {"method": method}
+        found = at_modes.get(method)
+        if found is not None:
+            row["mm"], row["se_mm"] = found["surface_mm"].mean(), found["surface_mm"].sem()
+            if method != FULL:
+                difference = over_cases(
+                    found, at_modes[FULL], "surface_mm", bootstrap_draws, generator
+                )
+                row |= {"difference_mm": difference.value, "p": difference.p}
+                row |= {"low_mm": difference.low, "high_mm": difference.high}
+            else:
+                row |= dict.fromkeys(("difference_mm", "low_mm", "high_mm"), 0.0)
+        rows.append(row)
+    added = pd.DataFrame(rows).set_index("method")
+    added["p"] = holm(added["p"].to_numpy()) if "p" in added else np.nan
+    added = added.add_prefix("unseen_generalisation_surface_")
+    drawn = unseen["unseen_specificity"].groupby("method")
+    added["unseen_specificity_surface_mm"] = drawn["surface_mm"].mean()
+    added["seen_specificity_surface_mm"] = drawn["seen_surface_mm"].mean()
+    comparison = tables["comparison"].merge(added.reset_index(), on="method", how="left")
+    return {**tables, **unseen, "comparison": comparison}

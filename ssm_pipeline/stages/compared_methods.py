@@ -3,30 +3,100 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import cast
 
-from ssm_pipeline import storage
-from ssm_pipeline.baselines.s3m.settings import S3MSettings
-from ssm_pipeline.engine.keys import key_of
-from ssm_pipeline.engine.per_case import CaseTask, Row
-from ssm_pipeline.methods import FULL, Method, PairMethod
+import numpy as np
+
+from ssm_pipeline.engine.per_case import CaseTask
+from ssm_pipeline.methods import (
+    FULL,
+    TRUTH,
+    WITHOUT_NETWORK,
+    Method,
+    PairMethod,
+    registration_of,
+)
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.stages.context import Context
-from ssm_pipeline.stages.correspondence import all_matched, correspond_case, matched_once
+from ssm_pipeline.stages.correspondence import (
+    all_matched,
+    correspond_case,
+    matched_once,
+    matches_in,
+)
 from ssm_pipeline.stages.groupwise import after_rounds
+from ssm_pipeline.stages.registrations import registered_rounds, registered_shapes
 from ssm_pipeline.stages.resumable_training import matcher_of_cases
 from ssm_pipeline.stages.run import Run
+from ssm_pipeline.stages.s3m import s3m_shapes
 
 
 def method_folder(context: Context, method: str) -> Path:
-    return context.folder() / method.replace(",", "").replace(" ", "-")
+    return _folder_in(context.folder(), method)
+
+
+def _folder_in(folder: Path, method: str) -> Path:
+    return folder / method.replace(",", "").replace(" ", "-")
+
+
+class MissingPackage(ValueError):
+    """A row of the comparison needs a package that is not installed."""
+
+
+def require_package(method: Method) -> None:
+    """Raises MissingPackage, which says what to install."""
+    from ssm_pipeline.baselines.register import missing_package
+
+    registration = registration_of(method)
+    package = None if registration is None else missing_package(registration)
+    if package:
+        raise MissingPackage(
+            f"the row {method} needs the package {package}, which is not installed; "
+            'pip install "ssm-pipeline[rivals]"'
+        )
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What the rows of a comparison have in common, and of which cases it was learned.
+
+    matcher   the networks; rests_on: what, beside the run's own training, decides them.
+    template  what is matched to every case.
+    seen      the cases that all of it, a groupwise mean and S3M too, may look at; None: all.
+    folder    holds a folder for each method.
+    """
+
+    matcher: Path
+    rests_on: tuple[str, ...]
+    template: Mesh
+    seen: tuple[str, ...] | None
+    folder: Path
 
 
 def corresponded_shapes(
     context: Context, run: Run, method: Method, meshes: Sequence[Mesh]
 ) -> CorrespondedShapes:
-    """Each case in its own millimetres. Raises CaseError for a case the method can't do.
+    """Each case in its own millimetres, of what the run learned from all of them.
+
+    Raises CaseError for a case the method can't do, MissingPackage where it needs an optional one.
+    """
+    if method == FULL:
+        return run.shapes
+    template = run.mesh(run.template_id)
+    if method == "without groupwise":
+        return matched_once(context, template, meshes)
+    matcher = context.folder("training") / "matcher.pt"
+    learned = Learned(matcher, (), template, None, context.folder())
+    return shapes_of(context, learned, method, meshes)
+
+
+def shapes_of(
+    context: Context, learned: Learned, method: Method, meshes: Sequence[Mesh]
+) -> CorrespondedShapes:
+    """The cases by one method, each in its own millimetres, up to date. Raises as above.
 
     full                the study's own: network, adaptation, groupwise rounds
     without groupwise   network and adaptation, template → case: the paper's method
@@ -36,34 +106,68 @@ def corresponded_shapes(
     spectral only       the same map, of features trained on the spectral loss alone
     adaptation only     rigid alignment and adaptation, no network; `, groupwise`: and the rounds
     nearest point       rigid alignment alone
+    affine nearest, nricp, cpd
+                        plain registrations (`baselines.register`); `, groupwise`: and the rounds
     S3M                 the baseline, with its published settings; `tuned`: with its tuned ones
     """
-    if method == FULL:
-        return run.shapes
+    require_package(method)
+    template, seen = learned.template, learned.seen
+    folder = _folder_in(learned.folder, method)
+
+    def matched(pair_method: PairMethod, place: Path) -> CorrespondedShapes:
+        no_network = pair_method in WITHOUT_NETWORK
+        matcher, rests_on = (None, ()) if no_network else (learned.matcher, learned.rests_on)
+        return matched_shapes(context, pair_method, template, matcher, rests_on, meshes, place)
+
     if method == "S3M" or method == "S3M tuned":
-        settings = context.settings.comparison.s3m
-        if method == "S3M tuned":
-            settings = settings.tuned()
-        return _by_s3m(context, method, settings, meshes)
-    template, folder = run.mesh(run.template_id), method_folder(context, method)
-    if method == "without groupwise":
-        return matched_once(context, template, meshes)
+        published = context.settings.comparison.s3m
+        settings, row = (published, "shapes") if method == "S3M" else (published.tuned(), "tuned")
+        place = _folder_in(learned.folder, "S3M")
+        return s3m_shapes(context, settings, template, meshes, place, row, seen)
+    registration = registration_of(method)
+    if registration is not None:
+        alone = _folder_in(learned.folder, registration)
+        shapes = registered_shapes(context, registration, template, meshes, alone)
+        if method == registration:
+            return shapes
+        return registered_rounds(context, registration, shapes, meshes, folder, seen)
+    if method == FULL or method == "without groupwise":
+        folder = _folder_in(learned.folder, FULL)
+        shapes = matched(FULL, folder)
+        return shapes if method != FULL else after_rounds(context, shapes, meshes, folder, seen)
     if method == "adaptation only, groupwise":
-        once = corresponded_shapes(context, run, "adaptation only", meshes)
-        return after_rounds(context, once, meshes, folder)
-    if method == "adaptation only" or method == "nearest point":
-        return matched_shapes(context, method, template, None, (), meshes, folder)
-    if context.settings.matching == "none":
+        once = matched("adaptation only", _folder_in(learned.folder, "adaptation only"))
+        return after_rounds(context, once, meshes, folder, seen)
+    if method not in WITHOUT_NETWORK and context.settings.matching == "none":
         raise CaseError(
             "in the comparison", f"the study has no network (matching: none); {method} needs one."
         )
     if method == "spectral only":
         training, label = context.settings.training, "training on the spectral loss alone"
-        case_ids = tuple(context.case_keys)
+        case_ids = tuple(context.case_keys) if seen is None else seen
         matcher = matcher_of_cases(context, case_ids, training.spectral_only(), folder, label)
         return matched_shapes(context, method, template, matcher, (matcher.stem,), meshes, folder)
-    matcher = context.folder("training") / "matcher.pt"
-    return matched_shapes(context, method, template, matcher, (), meshes, folder)
+    return matched(cast(PairMethod, method), folder)  # all others have returned
+
+
+def fitted_shapes(context: Context, method: str) -> np.ndarray | None:
+    """(N, V, 3) mm: what `corresponded_shapes` were before they were carried onto the cases.
+
+    None for S3M, whose points are the cases' own vertices, and for the truth.
+    """
+    rounds = context.settings.groupwise.rounds
+    alone = method.removesuffix(", groupwise")
+    if method == TRUTH or alone.startswith("S3M"):
+        return None
+    if method == FULL and rounds:
+        folder = context.folder("groupwise") / f"round-{rounds}"
+    elif method in (FULL, "without groupwise"):
+        folder = context.folder("correspondence")
+    elif method != alone and rounds:
+        folder = method_folder(context, method) / f"round-{rounds}"
+    else:
+        folder = method_folder(context, alone)
+    return np.stack([match.fitted for match in matches_in(folder, tuple(context.case_keys))])
 
 
 def matched_shapes(
@@ -105,32 +209,3 @@ def matched_shapes(
         folder,
     )
     return collect(template, matches, meshes)
-
-
-def _by_s3m(
-    context: Context, method: str, settings: S3MSettings, meshes: Sequence[Mesh]
-) -> CorrespondedShapes:
-    folder = method_folder(context, method)
-
-    def work(folder: Path) -> Row:
-        import torch
-
-        from ssm_pipeline.baselines.s3m.s3m import run_s3m
-
-        def on_progress(phase: str, done: int, of: int) -> None:
-            if done == of:
-                context.terminal.say(f"      {method}: {phase}, {done} done")
-
-        device = torch.device(context.device)
-        result = run_s3m(meshes, settings, context.seed, device, on_progress)
-        storage.save(result.points, folder / "points.npz")
-        return {"template_id": result.template_id}
-
-    # S3M reads the meshes alone: training our networks anew leaves its result as it is.
-    mesh_keys = context.done["meshing"].case_keys
-    rests_on = [mesh_keys[case_id] for case_id in context.case_keys]
-    task = CaseTask("shapes", key_of(method, settings, context.seed, rests_on), work)
-    (result,) = context.map_cases([task], jobs=1, folder=folder)
-    if result.dropped is not None:
-        raise CaseError("in the comparison", result.dropped)
-    return storage.load(CorrespondedShapes, folder / "shapes" / "points.npz")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
@@ -15,9 +16,14 @@ from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
 from ssm_pipeline.stages.anatomy import Anatomy, anatomy_of, means_of_methods, without_pairs
-from ssm_pipeline.stages.compared_methods import corresponded_shapes, method_folder
+from ssm_pipeline.stages.compared_methods import (
+    MissingPackage,
+    corresponded_shapes,
+    fitted_shapes,
+    method_folder,
+)
 from ssm_pipeline.stages.context import Context, patients_of
-from ssm_pipeline.stages.retrained_folds import retrained_generalisation
+from ssm_pipeline.stages.retrained_folds import unseen_tables
 from ssm_pipeline.stages.run import Run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import Luna16Data
@@ -30,7 +36,7 @@ def evaluate_methods(context: Context) -> Outcome:
     from ssm_pipeline.evaluation.tables import (
         comparisons,
         together,
-        with_retrained,
+        with_unseen,
         with_variance_kept,
     )
     from ssm_pipeline.shape_model.alignment import align
@@ -40,11 +46,13 @@ def evaluate_methods(context: Context) -> Outcome:
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
     anatomy = anatomy_of(context, meshes)
     scores: dict[str, Metrics] = {}
+    left_out: list[dict[str, str]] = []
     for method in (FULL, *(method for method in settings.comparison.methods if method != FULL)):
         try:
             shapes = corresponded_shapes(context, run, method, meshes)
-        except CaseError as error:  # a comparison that can't be made does not end the study
+        except (CaseError, MissingPackage) as error:  # such a row does not end the study
             context.terminal.say(f"      {method} left out: {error}")
+            left_out.append({"method": method, "reason": str(error)})
             continue
         scores[method] = _scores(context, method, settings, shapes, meshes, anatomy)
     truth, template = context.cohort.truth, _template_of(run.shapes)
@@ -53,14 +61,22 @@ def evaluate_methods(context: Context) -> Outcome:
         scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes, anatomy)
     draws, is_luna16 = settings.evaluation.bootstrap_draws, isinstance(settings.data, Luna16Data)
     anatomical = means_of_methods(scores, draws, settings.seed)
+    label_pairs = {
+        method: metrics.tables["label_pairs"]
+        for method, metrics in scores.items()
+        if "label_pairs" in metrics.tables
+    }
     scores = without_pairs(scores)
     tables = together(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
     tables |= anatomical
     if truth is not None:
         tables = with_variance_kept(tables)
+    tables["nearest_case"] = _nearest_cases(run, settings, meshes)
+    if left_out:
+        tables["left_out"] = pd.DataFrame(left_out)
     if settings.comparison.retrain:
-        retrained = retrained_generalisation(context, settings, meshes)
-        tables |= with_retrained(tables, retrained, draws, settings.seed)
+        unseen = unseen_tables(context, settings, meshes, anatomy, label_pairs)
+        tables = with_unseen(tables, unseen, draws, settings.seed)
     if truth is not None and not settings.shape_model.with_scale:
         floor = build(align(true_shapes)[0])
         tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
@@ -70,6 +86,18 @@ def evaluate_methods(context: Context) -> Outcome:
             path.unlink()
     storage.save_tables(Metrics(tables), context.folder())
     return Outcome(context.case_keys, note=f"{len(scores)} methods")
+
+
+def _nearest_cases(run: Run, settings: StudySettings, meshes: Sequence[Mesh]) -> pd.DataFrame:
+    """The distance of each case to the nearest other, as the full method's model aligns them."""
+    from ssm_pipeline.evaluation.model_quality import move_meshes
+    from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
+
+    frames = run.frames
+    case_ids = [mesh.case_id for mesh in meshes]
+    moved = move_meshes(meshes, case_ids, [frames[case_id] for case_id in case_ids])
+    generator = np.random.default_rng(settings.seed)
+    return nearest_other_cases(moved, settings.evaluation, generator)
 
 
 def _scores(
@@ -122,6 +150,7 @@ def _write_scores(
         with_scale=settings.shape_model.with_scale,
         jobs=context.jobs,
         patients=patients_of(context, shapes.case_ids),
+        fitted=fitted_shapes(context, method),
     )
     storage.save_tables(metrics, folder)
     points, seed = settings.evaluation.points, settings.seed

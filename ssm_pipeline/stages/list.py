@@ -63,7 +63,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         evaluate_methods,
         what_the_evaluation_rests_on,
         needs=("shape_model",),
-        version=2,
+        version=3,
     ),
     Stage("report", write_report, what_the_report_rests_on, needs=("evaluation",)),
 )

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
+from ssm_pipeline.baselines.settings import RegistrationSettings
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.methods import Method
@@ -30,10 +31,18 @@ class ComparisonSettings(Settings):
         "adaptation only",
         "adaptation only, groupwise",
         "nearest point",
+        "affine nearest",
+        "affine nearest, groupwise",
+        "nricp",
+        "nricp, groupwise",
+        "cpd",
+        "cpd, groupwise",
         "S3M",
+        "S3M tuned",
     )
+    registration: RegistrationSettings = RegistrationSettings()
     s3m: S3MSettings = S3MSettings()
-    retrain: bool = False  # generalisation also with a matcher trained anew without each fold
+    retrain: bool = False  # also with all that is learned learned anew without each fold
 
 
 class StudySettings(Settings):

@@ -12,12 +12,10 @@ import torch
 from command_line import Workflow
 
 from ssm_pipeline import load_run, storage
+from ssm_pipeline.baselines.s3m import training as s3m_training
 from ssm_pipeline.evaluation.model_quality import held_out_folds
-from ssm_pipeline.records import Metrics
+from ssm_pipeline.records import CorrespondedShapes, Metrics
 from ssm_pipeline.training import train as training
-
-RETRAINED = "full, retrained folds"
-GENERALISATION = ("generalisation", "generalisation_mean")
 
 
 @pytest.fixture
@@ -37,7 +35,7 @@ def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path)
     tables = load_run(run_copy).metrics.tables
     assert set(tables["specificity"]["samples"]) == {25}
     assert set(tables["comparison_95"]["method"]) == {"full", "adaptation only", "S3M"}
-    assert "retraining" not in tables
+    assert "unseen_generalisation" not in tables
     saw_case = tables["generalisation"].groupby("method")["matching_saw_case"].all()
     assert saw_case.to_dict() == {"full": True, "adaptation only": False, "S3M": True}
 
@@ -57,31 +55,36 @@ def test_retrained_folds_never_see_the_cases_they_are_asked_about(
         assert set(seen) == set(cases) - {cases[held_out[0]]}
         template_id = storage.read_json(next(folder.glob("*.template.json")))["template_id"]
         assert template_id in seen
-        asked = storage.load_tables(folder / "errors").tables["generalisation"]["case_id"]
-        assert set(asked) == {cases[held_out[0]]}
+        s3m = storage.load(CorrespondedShapes, folder / "S3M" / "shapes" / "points.npz")
+        assert s3m.template_id in seen
+        for method in ("full", "S3M"):
+            tables = storage.load_tables(folder / "scores" / method).tables
+            assert set(tables["unseen_generalisation"]["case_id"]) == {cases[held_out[0]]}
     tables = run.metrics.tables
-    for name in GENERALISATION:
-        own = tables[name][tables[name]["method"] == RETRAINED]
-        assert not own["matching_saw_case"].any()
-        assert not own.isna().any(axis=None)
-    chamfer = tables["generalisation"].set_index(["method", "modes", "case_id"])["chamfer_mm"]
-    chamfer = chamfer.sort_index()
-    assert set(chamfer[RETRAINED].index) == set(chamfer["full"].index)
-    assert RETRAINED not in set(tables["comparison"]["method"])  # it has no specificity
-    row = tables["retraining"].iloc[0]
-    expected = (chamfer[RETRAINED, 2] - chamfer["full", 2]).mean()
-    assert row["difference_mm"] == pytest.approx(expected)
-    assert row["difference_low_mm"] <= expected <= row["difference_high_mm"]
+    unseen = tables["unseen_generalisation"]
+    assert set(unseen["method"]) == {"full", "S3M"}  # adaptation only learns of no other case
+    assert not unseen.isna().any(axis=None)
+    assert len(tables["unseen_specificity"]) == 8
+    rows = tables["comparison"].set_index("method")
+    expected = unseen.query("method == 'full' and modes == 2")["surface_mm"].mean()
+    column = "unseen_generalisation_surface"
+    assert rows.loc["full", f"{column}_mm"] == pytest.approx(expected)
+    without_network = rows.loc["adaptation only"]
+    assert without_network[f"{column}_mm"] == without_network["generalisation_surface_mm"]
+    difference = rows.loc["S3M", f"{column}_difference_mm"]
+    assert rows.loc["S3M", f"{column}_low_mm"] <= difference <= rows.loc["S3M", f"{column}_high_mm"]
+    assert rows["unseen_specificity_surface_mm"].notna().tolist() == [True, False, True]
 
     # What is finished is kept: the same folds after another change train nothing.
     monkeypatch.setattr(training, "pair_loss", lambda *a: pytest.fail("trained again"))
+    monkeypatch.setattr(s3m_training, "batch_loss", lambda *a: pytest.fail("trained again"))
     assert workflow(*words, "--samples", "21").code == 0
     # And without --retrain its tables are gone.
     back = workflow("evaluate", str(run_copy), "--set", "comparison.retrain=false")
     assert back.code == 0
     tables = load_run(run_copy).metrics.tables
-    assert "retraining" not in tables
-    assert RETRAINED not in set(tables["generalisation"]["method"])
+    assert "unseen_generalisation" not in tables
+    assert f"{column}_mm" not in tables["comparison"]
 
 
 def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path):

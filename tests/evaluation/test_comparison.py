@@ -2,12 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ssm_pipeline.evaluation.comparison import (
-    PAPER_LUNA16,
-    compare,
-    modes_holding,
-    paired_difference,
-)
+from ssm_pipeline.evaluation.comparison import compare, modes_holding
 from ssm_pipeline.records import Metrics
 
 
@@ -30,7 +25,9 @@ def metrics(offset: float, case_ids: str = "abcd", points: int = 100) -> Metrics
     for name in ("chamfer", "surface", "hd95"):
         drawn[f"{name}_mm"] = [4.0 + offset, 5.0 + offset]
         drawn[f"{name}_se_mm"] = 0.1
-    shares = pd.DataFrame({"modes": [1, 2], "share": [0.6, 1.0]})
+    shares = pd.DataFrame(
+        {"modes": [1, 2], "share": [0.6, 1.0], "variance_per_point_mm2": [6.0, 4.0]}
+    )
     tables = {"generalisation": pd.DataFrame(rows), "specificity": drawn, "compactness": shares}
     return Metrics(tables)
 
@@ -45,31 +42,46 @@ def test_table_by_hand():
     assert table.loc["base", "generalisation_chamfer_se_mm"] == pytest.approx(error)
     assert table.loc["base", "generalisation_chamfer_curve_mm"] == pytest.approx((2.5 + 1.25) / 2)
     assert table.loc["ours", "specificity_chamfer_mm"] == 4.5
-    assert table.loc["ours", "specificity_lower_percent"] == pytest.approx(10)
+    assert table.loc["ours", "variance_mm2"] == 10
     # Every case is better by 0.25 mm: no resampling can say anything else.
-    for column in ("difference_mm", "difference_low_mm", "difference_high_mm"):
-        assert table.loc["ours", column] == pytest.approx(-0.25)
-        assert table.loc["base", column] == 0
-    assert table.loc["ours", "lower_percent"] == pytest.approx(20)
+    for part in ("difference", "low", "high"):
+        assert table.loc["ours", f"generalisation_chamfer_{part}_mm"] == pytest.approx(-0.25)
+        assert table.loc["base", f"generalisation_chamfer_{part}_mm"] == 0
+    assert table.loc["ours", "generalisation_chamfer_p"] == pytest.approx(2 / 1001)
+    assert np.isnan(table.loc["base", "generalisation_chamfer_p"])
+    # Nothing was drawn without each case, so no interval of specificity is claimed.
+    assert np.isnan(table.loc["ours", "specificity_surface_difference_mm"])
 
 
-def test_cases_are_paired_by_name_and_not_by_row():
-    base, own = (metrics(0).tables["generalisation"] for _ in range(2))
-    base = base[base["modes"] == 1]
-    shuffled = own[own["modes"] == 1].sample(frac=1, random_state=1)
-    result = paired_difference(shuffled, base, "chamfer_mm", 500, np.random.default_rng(0))
-    assert result["difference_low_mm"] == result["difference_high_mm"] == 0
+def with_draws(metrics: Metrics, shift: float) -> Metrics:
+    """Draws at 5 mm and models without each case, both moved by `shift`."""
+    noise = np.random.default_rng(3).normal(0, 0.4, 50)
+    effect = np.random.default_rng(4).normal(0, 0.1, 4)
+    draws = pd.DataFrame({"modes": 2, "draw": range(50), "surface_mm": 5 + noise + shift})
+    jackknife = pd.DataFrame(
+        [
+            {"case_id": case, "modes": 2, "half": half, "surface_mm": 5 + e + shift}
+            for case, e in zip("abcd", effect, strict=True)
+            for half in (0, 1)
+        ]
+    )
+    own = {"specificity_draws": draws, "specificity_jackknife": jackknife}
+    return Metrics(metrics.tables | own)
 
 
-def test_interval_covers_the_truth_as_often_as_it_says():
-    generator = np.random.default_rng(0)
-    ids, covered = [str(i) for i in range(40)], 0
-    base = pd.DataFrame({"case_id": ids, "x_mm": 5.0})
-    for _ in range(200):
-        own = base.assign(x_mm=5 + generator.normal(-0.3, 1, 40))
-        interval = paired_difference(own, base, "x_mm", 400, generator)
-        covered += interval["difference_low_mm"] <= -0.3 <= interval["difference_high_mm"]
-    assert 0.88 <= covered / 200 <= 0.99  # 95 %; percentile intervals are a little narrow
+def test_specificity_is_compared_draw_by_draw():
+    methods = {
+        name: with_draws(metrics(0), shift)
+        for name, shift in (("base", 0.0), ("same", 0.0), ("worse", 0.3))
+    }
+    table = compare(methods, "base", 100, np.random.default_rng(0)).set_index("method")
+    # The same draws of the same cases, all moved alike: the difference is known without doubt.
+    for part in ("difference", "low", "high"):
+        column = f"specificity_surface_{part}_mm"
+        assert table.loc["worse", column] == pytest.approx(0.3)
+        assert table.loc["same", column] == pytest.approx(0.0)
+    assert table.loc["same", "specificity_surface_p"] == pytest.approx(1)
+    assert table.loc["worse", "specificity_surface_p"] < 1e-6
 
 
 def test_methods_scored_differently_are_refused():
@@ -86,7 +98,9 @@ def test_methods_scored_differently_are_refused():
 
 def test_each_method_at_its_own_number_of_modes():
     one_mode_holds, two_modes_hold = metrics(0), metrics(0)
-    one_mode_holds.tables["compactness"] = pd.DataFrame({"modes": [1, 2], "share": [0.97, 1]})
+    one_mode_holds.tables["compactness"] = pd.DataFrame(
+        {"modes": [1, 2], "share": [0.97, 1], "variance_per_point_mm2": [9.7, 0.3]}
+    )
     methods = {"compact": one_mode_holds, "other": two_modes_hold}
     modes = {name: modes_holding(found, 0.95) for name, found in methods.items()}
     assert modes == {"compact": 1, "other": 2}
@@ -95,7 +109,15 @@ def test_each_method_at_its_own_number_of_modes():
     assert table["variance_percent"].tolist() == pytest.approx([97, 100])
     # The mean of 1 … 4 mm with one mode, half of it with two.
     assert table["generalisation_chamfer_mm"].tolist() == pytest.approx([2.5, 1.25])
-    assert table["difference_mm"].tolist() == pytest.approx([1.25, 0])
+    assert table["generalisation_chamfer_difference_mm"].tolist() == pytest.approx([1.25, 0])
+
+
+def test_a_number_of_modes_that_was_not_scored_is_not_replaced_silently():
+    found = metrics(0)
+    found.tables["generalisation"] = found.tables["generalisation"].query("modes == 2")
+    found.tables["compactness"]["share"] = [0.97, 1.0]
+    with pytest.raises(ValueError, match="1 modes hold 95%; scored were"):
+        modes_holding(found, 0.95)
 
 
 def test_modes_that_only_some_cases_were_scored_at_are_not_compared():
@@ -107,11 +129,3 @@ def test_modes_that_only_some_cases_were_scored_at_are_not_compared():
     table = compare({"a": partial, "b": metrics(0)}, "b", 100, np.random.default_rng(0))
     assert table["modes"].tolist() == [1, 1]
     assert table["cases"].tolist() == [4, 4]
-
-
-def test_the_papers_improvement():
-    generalisation, specificity = (
-        PAPER_LUNA16[f"{name}_chamfer_mm"] for name in ("generalisation", "specificity")
-    )
-    assert 100 * (1 - generalisation[1] / generalisation[0]) == pytest.approx(16.4, abs=0.1)
-    assert 100 * (1 - specificity[1] / specificity[0]) == pytest.approx(19.3, abs=0.1)

@@ -6,9 +6,13 @@ from synthetic_shapes import wavy_cohort
 
 from ssm_pipeline.evaluation.comparison import compare
 from ssm_pipeline.evaluation.evaluate import evaluate_method
+from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
+from ssm_pipeline.records import Mesh
 
-SETTINGS = EvaluationSettings(points=162, samples=20, surface_samples=5)
+SETTINGS = EvaluationSettings(
+    points=162, samples=20, surface_samples=5, jackknife_samples=4, screening_points=40
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,12 +31,17 @@ def test_all_tables_with_method_and_seed(scored):
         "generalisation",
         "generalisation_mean",
         "specificity",
+        "specificity_draws",
+        "specificity_jackknife",
+        "surface_fits",
         "correspondence",
     }
+    fitted = ["fitted_surface_mm", "fitted_hd95_mm", "fitted_flipped_percent"]
+    assert scored.tables["correspondence"][fitted].isna().all(axis=None)  # none was given
     for table in scored.tables.values():
         assert table["method"].eq("ours").all()
         assert table["seed"].eq(7).all()
-        assert not table.isna().any(axis=None)
+        assert not table.drop(columns=fitted, errors="ignore").isna().any(axis=None)
     assert scored.tables["generalisation"]["modes"].max() == 3
     assert scored.tables["specificity"]["modes"].max() == 4
 
@@ -52,3 +61,34 @@ def test_a_thinned_curve_can_still_be_compared(cohort):
     assert metrics.tables["specificity"]["modes"].tolist() == [1, 3, 4]
     table = compare({"ours": metrics}, "ours", 100, np.random.default_rng(0))
     assert table["modes"].item() == 3
+
+
+def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort):
+    shapes, _ = cohort
+    blown_up = shapes.vertices + 3 * (shapes.vertices - shapes.vertices.mean(axis=1)[:, None]) / 50
+    table = evaluate_method("ours", *cohort, SETTINGS, seed=7, fitted=blown_up).tables
+    fits = table["correspondence"]
+    assert (fits["surface_mm"] < 1e-6).all()
+    assert (fits["fitted_surface_mm"] > 1).all()
+
+
+def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort):
+    settings = SETTINGS.model_copy(
+        update={"mode_counts": 1, "jackknife_samples": 0, "fit_surfaces": False}
+    )
+    metrics = evaluate_method("ours", *cohort, settings, seed=7)
+    held = metrics.tables["compactness"].query("share >= 0.95")["modes"].min()
+    assert held in set(metrics.tables["specificity"]["modes"])
+    assert min(held, 3) in set(metrics.tables["generalisation"]["modes"])
+    assert {"specificity_jackknife", "surface_fits"}.isdisjoint(metrics.tables)
+
+
+def test_a_case_is_nearest_to_the_one_most_like_it(cohort):
+    _, meshes = cohort
+    near = Mesh(meshes[0].vertices + 0.5, meshes[0].faces, "near")
+    generator = np.random.default_rng(0)
+    table = nearest_other_cases([*meshes, near], SETTINGS, generator).set_index("case_id")
+    assert table.loc["near", "nearest_by_surface"] == meshes[0].case_id
+    assert table.loc[meshes[0].case_id, "nearest_by_chamfer"] == "near"
+    assert table.loc["near", "surface_mm"] < 1
+    assert (table["chamfer_floor_mm"] > 0).all()

@@ -5,7 +5,7 @@ from synthetic_shapes import lattice, speckles, wavy_cohort
 
 from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings
-from ssm_pipeline.evaluation.specificity import nearest_chamfer, specificity
+from ssm_pipeline.evaluation.specificity import drawn_scores, nearest_chamfer, specificity
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, surface_distance
 from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh
@@ -26,7 +26,7 @@ def one_mode_model() -> ShapeModel:
         modes=mode[None],
         variances=np.array([len(mode) * STEP_MM**2]),
         faces=shape.faces,
-        scores=np.zeros((3, 1)),
+        scores=np.array([[1.0], [0.0], [-1.0]]),
         case_ids=("a", "b", "c"),
     )
 
@@ -36,7 +36,7 @@ def test_one_gaussian_mode_by_hand():
     model = one_mode_model()
     settings = EvaluationSettings(points=64, samples=2000)
     mesh = Mesh(model.mean, model.faces, "a")
-    row = specificity(model, [mesh], settings, np.random.default_rng(0)).iloc[0]
+    row = specificity(model, [mesh], settings, np.random.default_rng(0))[0].iloc[0]
     error = STEP_MM * np.sqrt((1 - 2 / np.pi) / 2000)
     assert row["chamfer_mm"] == pytest.approx(STEP_MM * np.sqrt(2 / np.pi), abs=4 * error)
     assert row["chamfer_se_mm"] == pytest.approx(error, rel=0.1)
@@ -50,7 +50,7 @@ def test_the_nearer_of_two_meshes_counts():
     model = one_mode_model()
     meshes = [Mesh(model.reconstruct([s]), model.faces, str(s)) for s in (-1.0, 1.0)]
     settings = EvaluationSettings(points=64, samples=2000)
-    row = specificity(model, meshes, settings, np.random.default_rng(0)).iloc[0]
+    row = specificity(model, meshes, settings, np.random.default_rng(0))[0].iloc[0]
     scores = np.linspace(-8, 8, 200_001)
     density = np.exp(-(scores**2) / 2) / np.sqrt(2 * np.pi)
     distance = np.abs(np.abs(scores) - 1)
@@ -63,7 +63,7 @@ def test_standard_error_is_the_spread_of_repeated_runs():
     settings = EvaluationSettings(points=64, samples=60)
     mesh = [Mesh(model.mean, model.faces, "a")]
     rows = [
-        specificity(model, mesh, settings, np.random.default_rng(seed)).iloc[0]
+        specificity(model, mesh, settings, np.random.default_rng(seed))[0].iloc[0]
         for seed in range(80)
     ]
     spread = np.std([row["chamfer_mm"] for row in rows], ddof=1)
@@ -103,14 +103,14 @@ def test_surface_distance_of_draws_equals_naive():
     settings = EvaluationSettings(
         points=400, samples=20, surface_samples=20, surface_points=5000, screening_errors=100
     )
-    table = specificity(model, meshes, settings, np.random.default_rng(3))
+    table, per_draw = specificity(model, meshes, settings, np.random.default_rng(3))
     # The same draws again: the generator is asked for points and samples first.
     generator = np.random.default_rng(3)
     points = FixedPoints.of(model.mean, model.faces, 400, generator)
     for _ in range(2):
         for mesh in meshes:
             sample_points(mesh.vertices, mesh.faces, points.count, generator)
-    scores = generator.standard_normal((20, model.mode_count))
+    scores = drawn_scores(model, generator.standard_normal((20, 5)))
     targets = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
     for modes in (1, model.mode_count):
         best = []
@@ -121,6 +121,29 @@ def test_surface_distance_of_draws_equals_naive():
         # Of the two meshes nearest by Chamfer; a third that is nearest by surface is rare.
         assert row["surface_mm"].item() == pytest.approx(np.mean(best), rel=0.01)
         assert row["surface_mm"].item() >= np.mean(best) - 1e-9
+        drawn = per_draw.loc[per_draw["modes"] == modes, "surface_mm"]
+        assert drawn.mean() == pytest.approx(row["surface_mm"].item())
+
+
+def test_draws_have_the_models_covariance_and_pair_between_models():
+    corresponded, _ = wavy_cohort(6)
+    aligned, _ = align(corresponded)
+    model = build(aligned)
+    weights = np.random.default_rng(0).standard_normal((4000, 6))
+    scores = drawn_scores(model, weights)
+    # 4000 draws: entries of the covariance are uncertain by 1 / sqrt(4000), 0.016.
+    assert np.cov(scores.T) == pytest.approx(np.eye(model.mode_count), abs=0.08)
+    # Modes of the same shapes in another order and with other signs draw the same shapes.
+    turned = ShapeModel(
+        model.mean,
+        -model.modes[::-1],
+        model.variances[::-1],
+        model.faces,
+        -model.scores[:, ::-1],
+        model.case_ids,
+    )
+    again = turned.reconstruct(drawn_scores(turned, weights[:3]))
+    assert again == pytest.approx(model.reconstruct(scores[:3]))
 
 
 def test_points_are_even_and_move_with_the_shape():

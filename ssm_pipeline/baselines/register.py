@@ -1,0 +1,71 @@
+"""One template on one case by one of the plain registrations, as a `Correspondence`."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ssm_pipeline.baselines.rigid_start import rigid_start
+from ssm_pipeline.baselines.settings import RegistrationSettings
+from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.methods import Registration
+from ssm_pipeline.records import Correspondence, Mesh
+
+PACKAGES = {"cpd": "rustcpd"}  # of the optional extra `rivals`
+
+
+def missing_package(registration: Registration) -> str | None:
+    """The package that this registration needs and that is not installed, if there is one.
+
+    >>> missing_package("affine nearest") is None
+    True
+    """
+    package = PACKAGES.get(registration)
+    if package is None or importlib.util.find_spec(package) is not None:
+        return None
+    return package
+
+
+def register(
+    template: Mesh,
+    case: Mesh,
+    registration: Registration,
+    settings: RegistrationSettings,
+    start: np.ndarray | None = None,
+    seed: int = 0,
+) -> Correspondence:
+    """Match a template to a case.
+
+    affine nearest  affine alignment, nearest point
+    nricp           non-rigid iterative closest points
+    cpd             coherent point drift
+    start  (V, 3) mm, a shape on the template's faces already laid on the case, such as a cohort's
+           mean; None: the template by `rigid_start`, as for every other row of a table.
+    seed   of what is drawn.
+    """
+    if start is None:
+        start = rigid_start(template, case, seed).apply(template.vertices)
+    if registration == "affine nearest":
+        from ssm_pipeline.baselines.affine import affinely_aligned
+
+        fitted = affinely_aligned(start, template.faces, case, settings, seed)
+    elif registration == "nricp":
+        from ssm_pipeline.baselines.nricp import nricp_fitted
+
+        fitted = nricp_fitted(start, template.faces, case, settings)
+    else:
+        from ssm_pipeline.baselines.coherent_point_drift import cpd_fitted
+
+        fitted = cpd_fitted(start, template.faces, case, settings)
+    on_case = closest_points(fitted, case.vertices, case.faces)
+    _, nearest_vertex = cKDTree(case.vertices).query(fitted)
+    return Correspondence(
+        template_id=template.case_id,
+        case_id=case.case_id,
+        case_faces=on_case.faces,
+        barycentric=on_case.barycentric,
+        nearest_vertex=nearest_vertex.astype(np.int64),
+        fitted=fitted,
+    )

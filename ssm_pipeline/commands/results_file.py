@@ -1,0 +1,110 @@
+"""The figures of the results page, as files: a folder a part, and `results.json` beside them.
+
+    <folder>/results.json         format, and of each part: study, changes, seed, commit, machine,
+                                  packages, minutes, finished_at, tables
+    <folder>/<part>/<table>.csv   the run's tables
+
+A figure is named `<part>/<table>/<row>/<column>`, the row by its first column that is not a number
+(the method), or two of them joined by `, ` where one alone does not tell rows apart. In Markdown it
+is printed with its name in a comment, which no reader sees and a test checks:
+
+    2.46<!-- lungs/comparison/full/generalisation_surface_mm -->
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ssm_pipeline import storage
+
+FORMAT = 1
+NAMED_FIGURE = re.compile(r"(-?[\d ,]*\d(?:\.\d+)?)\s*(?:%|mm|°)?\s*<!--\s*([^<>]+/[^<>]+?)\s*-->")
+
+
+def read_results(folder: Path) -> dict[str, Any]:
+    """The content of results.json; an empty one where there is none yet."""
+    path = folder / "results.json"
+    return storage.read_json(path) if path.exists() else {"format": FORMAT, "parts": {}}
+
+
+def write_part(
+    folder: Path, name: str, facts: dict[str, Any], tables: dict[str, pd.DataFrame]
+) -> None:
+    """Put a part's tables and facts in the place of what was there of it; other parts stay."""
+    for stale in (folder / name).glob("*.csv"):
+        stale.unlink()
+    for table_name, table in tables.items():
+        with storage.written_whole(folder / name / f"{table_name}.csv") as temporary:
+            table.to_csv(temporary, index=False)
+    content = read_results(folder)
+    content["parts"][name] = facts | {"tables": sorted(tables)}
+    content["parts"] = dict(sorted(content["parts"].items()))
+    storage.write_json(folder / "results.json", content)
+
+
+def figures_in(folder: Path) -> dict[str, float]:
+    """Every figure of the tables that results.json names, by its name."""
+    found: dict[str, float] = {}
+    for part, facts in read_results(folder)["parts"].items():
+        for table_name in facts["tables"]:
+            table = storage.read_table(folder / part / f"{table_name}.csv")
+            for row, name in zip(table.to_dict("records"), row_names(table), strict=True):
+                for column, value in row.items():
+                    if isinstance(value, int | float) and not isinstance(value, bool):
+                        found[f"{part}/{table_name}/{name}/{column}"] = float(value)
+    return found
+
+
+def row_names(table: pd.DataFrame) -> list[str]:
+    """A name for each row: the fewest leading words, and then modes or folds, that tell all apart.
+
+    >>> row_names(pd.DataFrame({"method": ["full", "S3M"], "x_mm": [1.0, 2.0]}))
+    ['full', 'S3M']
+    >>> row_names(pd.DataFrame({"pose": ["turned"] * 2, "method": ["full", "S3M"], "x": [1, 2]}))
+    ['turned, full', 'turned, S3M']
+    """
+    words = [c for c in table if pd.api.types.is_string_dtype(table[c]) or table[c].dtype == object]
+    numbers = [c for c in ("cohort", "epoch", "epochs", "modes", "fold") if c in table]
+    if not words + numbers:
+        return [str(number + 1) for number in range(len(table))]
+    for count in range(1, len(words + numbers) + 1):
+        chosen = (words + numbers)[:count]
+        names = table[chosen].astype(str).agg(", ".join, axis=1).tolist()
+        if len(set(names)) == len(names):
+            return names
+    return [f"{name}, {number + 1}" for number, name in enumerate(names)]
+
+
+def wrong_figures(text: str, figures: dict[str, float]) -> list[str]:
+    """What a page prints otherwise than the results have it, a line each; none: [].
+
+    A figure is right if the results, rounded to the decimals printed, give it.
+
+    >>> figures = {"lungs/comparison/full/x_mm": 2.46}
+    >>> wrong_figures("2.5<!-- lungs/comparison/full/x_mm -->", figures)
+    []
+    >>> wrong_figures("2.4<!-- lungs/comparison/full/x_mm -->", figures)
+    ['lungs/comparison/full/x_mm: 2.4 printed, 2.46 found']
+    """
+    wrong = []
+    for printed, name in NAMED_FIGURE.findall(text):
+        number = printed.replace(" ", "").replace(",", "")
+        decimals = len(number.partition(".")[2])
+        if name not in figures:
+            wrong.append(f"{name}: {number} printed, nothing of that name found")
+        elif f"{figures[name]:.{decimals}f}" != number:
+            wrong.append(f"{name}: {number} printed, {figures[name]:g} found")
+    return wrong
+
+
+def named(value: float, name: str, decimals: int = 2) -> str:
+    """A figure for Markdown, with its name.
+
+    >>> named(2.4567, "lungs/comparison/full/x_mm")
+    '2.46<!-- lungs/comparison/full/x_mm -->'
+    """
+    return f"{value:.{decimals}f}<!-- {name} -->"

@@ -1,0 +1,77 @@
+"""Intervals over cases, against what repeated cohorts give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_shapes import wavy_cohort
+
+from ssm_pipeline.evaluation.paired import holm, over_cases, over_left_out_cases
+from ssm_pipeline.evaluation.settings import EvaluationSettings
+from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
+from ssm_pipeline.shape_model.alignment import align
+
+
+def test_cases_are_paired_by_name_and_not_by_row():
+    base = pd.DataFrame({"case_id": list("abcd"), "x_mm": [1.0, 2, 3, 4]})
+    shuffled = base.sample(frac=1, random_state=1)
+    result = over_cases(shuffled, base, "x_mm", 500, np.random.default_rng(0))
+    assert result.low == result.high == result.value == 0
+    assert result.p == 1
+
+
+def test_interval_covers_the_truth_as_often_as_it_says():
+    generator = np.random.default_rng(0)
+    ids, covered, found = [str(i) for i in range(40)], 0, 0
+    base = pd.DataFrame({"case_id": ids, "x_mm": 5.0})
+    for _ in range(200):
+        own = base.assign(x_mm=5 + generator.normal(-0.3, 1, 40))
+        interval = over_cases(own, base, "x_mm", 400, generator)
+        covered += interval.low <= -0.3 <= interval.high
+        nothing = base.assign(x_mm=5 + generator.normal(0, 1, 40))
+        found += over_cases(nothing, base, "x_mm", 400, generator).p < 0.05
+    assert 0.88 <= covered / 200 <= 0.99  # 95 %; percentile intervals are a little narrow
+    assert found / 200 <= 0.12  # and its p a little small
+
+
+def test_jackknife_covers_the_truth_as_often_as_it_says():
+    """A difference that is the mean of what each case contributes: its error is known, σ/√N."""
+    generator, covered, count = np.random.default_rng(1), 0, 25
+    ids = [f"{i:02d}" for i in range(count)]
+    zero = pd.DataFrame(
+        [{"case_id": i, "half": half, "surface_mm": 0.0} for i in ids for half in (0, 1)]
+    )
+    for _ in range(200):
+        of_cases = generator.normal(0.3, 1.0, count)
+        left_out = (of_cases.sum() - of_cases) / (count - 1)
+        # Each half of the draws with noise of its own, which is no spread of cases.
+        noisy = left_out[:, None] + generator.normal(0, 0.02, (count, 2))
+        table = zero.assign(surface_mm=noisy.ravel())
+        drawn = of_cases.mean() + generator.normal(0, 0.1, 50)
+        interval = over_left_out_cases(table, zero, drawn, np.zeros(50))
+        covered += interval.low <= 0.3 <= interval.high
+    assert 0.88 <= covered / 200 <= 0.99
+
+
+def test_holm_by_hand():
+    # Sorted 0.01, 0.02, 0.04: times 3, 2, 1 and never falling.
+    assert holm([0.04, np.nan, 0.01, 0.02])[[0, 2, 3]] == pytest.approx([0.04, 0.03, 0.04])
+    assert np.isnan(holm([0.04, np.nan])[1])
+    assert holm([0.9, 0.8]).tolist() == [1.0, 1.0]
+
+
+def test_models_without_each_case_do_not_look_at_its_mesh():
+    shapes, meshes = wavy_cohort(6, subdivisions=2)
+    aligned, _ = align(shapes)
+    settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=40)
+    own = [
+        type(mesh)(vertices, mesh.faces, mesh.case_id)
+        for mesh, vertices in zip(meshes, aligned.vertices, strict=True)
+    ]
+    table = without_each_case(aligned, own, 3, settings, np.random.default_rng(0))
+    assert table["case_id"].tolist() == [case for case in aligned.case_ids for _ in (0, 1)]
+    far = [*own[:-1], type(own[-1])(own[-1].vertices + 1e4, own[-1].faces, own[-1].case_id)]
+    moved = without_each_case(aligned, far, 3, settings, np.random.default_rng(0))
+    last = table["case_id"] == aligned.case_ids[-1]
+    assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
