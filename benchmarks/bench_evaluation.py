@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings
-from ssm_pipeline.evaluation.specificity import estimates, nearest_chamfer, specificity
+from ssm_pipeline.evaluation.specificity import nearest_chamfer, specificity
 from ssm_pipeline.geometry.distances import PointTarget, chamfer
 from ssm_pipeline.geometry.geodesics import geodesic_matrix
 from ssm_pipeline.geometry.surface import face_normals, sample_points
@@ -51,30 +51,6 @@ def cohort(count: int, vertex_count: int, seed: int) -> tuple[CorrespondedShapes
     return aligned, [Mesh(v, faces, i) for v, i in zip(aligned.vertices, ids, strict=True)]
 
 
-def nearest_by_two_screens(
-    draws: np.ndarray, targets: list[PointTarget], settings: EvaluationSettings
-) -> np.ndarray:
-    """`nearest_chamfer` as it was: every mesh that 128 points leave is compared in full."""
-    size, count = draws.shape[1], settings.screening_points
-    screens = [np.linspace(0, size - 1, n).round().astype(int) for n in (count // 4, count)]
-    nearest = np.empty(len(draws))
-    for index, points in enumerate(draws):
-        draw, kept = PointTarget.of(points), np.arange(len(targets))
-        for subset in screens:
-            estimate, error = estimates(draw, [targets[t] for t in kept], subset)
-            margin = settings.screening_errors * error
-            best = estimate.argmin()
-            possible = estimate - margin <= estimate[best] + margin[best]
-            kept, bound, estimate = (v[possible] for v in (kept, estimate - margin, estimate))
-        order = estimate.argsort()
-        distance = np.inf
-        for target, lowest in zip(kept[order], bound[order], strict=True):
-            if lowest <= distance:
-                distance = min(distance, chamfer(draw, targets[target]))
-        nearest[index] = distance
-    return nearest
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=1000)
@@ -98,7 +74,7 @@ def main() -> None:
     points = FixedPoints.of(model.mean, model.faces, settings.points, generator)
     samples = [sample_points(m.vertices, m.faces, points.count, generator) for m in meshes]
     targets = [PointTarget.of(sample[spatial_order(sample)]) for sample in samples]
-    fast_s, two_screens_s, naive_s, misses, excess, moved = 0.0, 0.0, 0.0, 0, 0.0, 0.0
+    fast_s, naive_s, misses, excess = 0.0, 0.0, 0, 0.0
     for modes in range(1, model.mode_count + 1):
         scores = generator.standard_normal((arguments.naive_draws, modes))
         draws = points.on(model.reconstruct(scores)).astype(np.float32)
@@ -107,10 +83,6 @@ def main() -> None:
             draws, targets, settings.screening_points, settings.screening_errors
         )
         fast_s += time.perf_counter() - start
-        start = time.perf_counter()
-        without = nearest_by_two_screens(draws, targets, settings)
-        two_screens_s += time.perf_counter() - start
-        moved = max(moved, float(np.abs(quick - without).max()))
         start = time.perf_counter()
         naive = np.array(
             [min(chamfer(PointTarget.of(draw), target) for target in targets) for draw in draws]
@@ -123,11 +95,6 @@ def main() -> None:
         f"nearest Chamfer: {naive_s / fast_s:.1f} times the naive n x n version "
         f"({naive_s:.1f} s / {fast_s:.1f} s); nearest mesh missed in {misses} of {checked} draws, "
         f"largest excess {excess:.4f} mm"
-    )
-
-    print(
-        f"without the finest screen: {two_screens_s / fast_s:.1f} times as long "
-        f"({two_screens_s:.1f} s / {fast_s:.1f} s); largest difference {moved:.2e} mm"
     )
 
     sphere, faces = even_sphere(5000)

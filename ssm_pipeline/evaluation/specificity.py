@@ -130,11 +130,10 @@ def nearest_chamfer(
     nearest target is missed practically never (tests, benchmarks/bench_evaluation.py).
 
     Returns (n,) distances and, per draw, the indices of the targets left by `screening_points`,
-    nearest first. Eight times as many points then spare most of the full comparisons.
+    nearest first.
     """
     size = draws.shape[1]
     screens = [_even_subset(size, screening_points // 4), _even_subset(size, screening_points)]
-    finer = _even_subset(size, 8 * screening_points)
     nearest, left = np.empty(len(draws)), []
     for index, points in enumerate(draws):
         draw, kept = PointTarget.of(points), np.arange(len(targets))
@@ -146,9 +145,6 @@ def nearest_chamfer(
             kept, bound, estimate = (v[possible] for v in (kept, estimate - margin, estimate))
         order = estimate.argsort()
         left.append(kept[order])
-        if len(kept) > 1:
-            estimate, error = estimates(draw, [targets[int(t)] for t in kept], finer)
-            bound, order = estimate - screening_errors * error, estimate.argsort()
         distance = np.inf
         for target, lowest in zip(kept[order], bound[order], strict=True):
             if lowest <= distance:

@@ -50,35 +50,57 @@ def without_each_case(
     points = FixedPoints.of(mean, aligned.faces, settings.screening_points, generator)
     samples = [even_samples(mesh, points.count, generator) for mesh in meshes]
     tasks = [
-        joblib.delayed(_without)(aligned, meshes, case, modes, weights, points, samples, settings)
-        for case in range(count)
+        joblib.delayed(_without_each)(
+            aligned, meshes, part.tolist(), modes, weights, points, samples, settings
+        )
+        for part in np.array_split(np.arange(count), min(jobs, count))
     ]
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks)
-    return pd.DataFrame([row for two in rows for row in two])
+    return pd.DataFrame([row for part in rows for row in part])
 
 
-def _without(
+def _without_each(
     aligned: CorrespondedShapes,
     meshes: Sequence[Mesh],
-    case: int,
+    cases: Sequence[int],
     modes: int,
     weights: np.ndarray,
     points: FixedPoints,
     samples: Sequence[np.ndarray],
     settings: EvaluationSettings,
 ) -> list[dict[str, object]]:
-    kept = [other for other in range(len(meshes)) if other != case]
+    """The rows of some of the cases; the meshes' trees are built once for all of them."""
+    targets = [PointTarget.of(sample) for sample in samples]
+    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
+    return [
+        row
+        for case in cases
+        for row in _without(aligned, case, modes, weights, points, targets, surfaces, settings)
+    ]
+
+
+def _without(
+    aligned: CorrespondedShapes,
+    case: int,
+    modes: int,
+    weights: np.ndarray,
+    points: FixedPoints,
+    targets: Sequence[PointTarget],
+    surfaces: Sequence[SurfaceTarget],
+    settings: EvaluationSettings,
+) -> list[dict[str, object]]:
+    kept = [other for other in range(len(targets)) if other != case]
+    others = [targets[other] for other in kept]
     model = build(aligned.subset(kept))
     shapes = model.reconstruct(drawn_scores(model, weights[:, kept])[:, :modes])
-    targets = [PointTarget.of(samples[other]) for other in kept]
     every = np.arange(points.count)
     candidates = [
-        estimates(PointTarget.of(points.on(shape)), targets, every)[0].argsort()[:_CANDIDATES]
+        estimates(PointTarget.of(points.on(shape)), others, every)[0].argsort()[:_CANDIDATES]
         for shape in shapes
     ]
-    surfaces = [SurfaceTarget.of(meshes[other].vertices, meshes[other].faces) for other in kept]
-    found = nearest_surface(shapes, model.faces, surfaces, candidates, settings.surface_points)
+    left = [surfaces[other] for other in kept]
+    found = nearest_surface(shapes, model.faces, left, candidates, settings.surface_points)
     halves = np.array_split(found[:, 0], 2)
     return [
         {
