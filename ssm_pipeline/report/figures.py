@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from ssm_pipeline import storage
 from ssm_pipeline.records import ShapePath
 from ssm_pipeline.report.content import ReportContent
-from ssm_pipeline.report.curves import DISTANCES, quality_curves
+from ssm_pipeline.report.curves import DISTANCES, distances_in, quality_curves
 from ssm_pipeline.report.grid_pattern import patterned_scenes
 from ssm_pipeline.report.pictures import interpolation_scenes, mode_range_mm, mode_scenes
 from ssm_pipeline.report.rendering import render
@@ -97,7 +97,7 @@ def correspondence_figure(content: ReportContent, settings: FigureSettings = _PL
         images = render(scenes, _pixels(settings, columns))
         titles = [
             "template",
-            *(f"{case}\n{table.loc[case, 'surface_mm']:.2f} mm" for case in shown),
+            *(f"{content.names[case]}\n{table.loc[case, 'surface_mm']:.2f} mm" for case in shown),
         ]
         for axis in axes.flat:
             axis.axis("off")
@@ -109,32 +109,51 @@ def correspondence_figure(content: ReportContent, settings: FigureSettings = _PL
 def curves(
     metrics: Mapping[str, pd.DataFrame],
     settings: FigureSettings = _PLAIN,
-    distance: str = "chamfer_mm",
+    distance: str | None = None,
 ) -> Figure:
     """Compactness, generalisation, specificity over the number of modes, a line a method.
 
+    distance  a column of the tables; by default the first of `DISTANCES` that they hold.
     Bands are ± one standard error of the mean. Raises ValueError if no table is there.
     """
+    distance = distance or next(iter(distances_in(metrics)), "surface_mm")
     found = quality_curves(metrics, distance)
     if not found:
         raise ValueError("no table of compactness, generalisation or specificity to draw")
+    methods = list(dict.fromkeys(m for table in found.values() for m in table["method"]))
+    styles = {method: _line_style(number) for number, method in enumerate(methods)}
+    columns = min(4, len(methods))
     with _fonts(settings):
         width = settings.width_mm / _MM_PER_INCH
-        figure = Figure(figsize=(width, width / 3 + 0.3), layout="constrained")
+        below = 0.16 * -(-len(methods) // columns) if len(methods) > 1 else 0.0  # the legend
+        figure = Figure(figsize=(width, width / 3 + 0.3 + below), layout="constrained")
         FigureCanvasAgg(figure)
+        lines = {}
         for axis, (name, table) in zip(
             figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True
         ):
             for method, line in table.groupby("method", sort=False):
+                style = styles[str(method)]
                 low, high = line["value"] - line["se"], line["value"] + line["se"]
-                axis.plot(line["modes"], line["value"], label=str(method), linewidth=1.2)
-                axis.fill_between(line["modes"], low, high, alpha=0.2, linewidth=0)
+                (lines[method],) = axis.plot(line["modes"], line["value"], linewidth=1.2, **style)
+                axis.fill_between(
+                    line["modes"], low, high, alpha=0.2, linewidth=0, color=style["color"]
+                )
             axis.set(title=name, xlabel="number of modes")
             axis.set_ylabel("variance (%)" if name == "compactness" else DISTANCES[distance])
             axis.spines[["top", "right"]].set_visible(False)
-            if table["method"].nunique() > 1:
-                axis.legend(frameon=False)
+        if len(methods) > 1:
+            handles = [lines[method] for method in methods]
+            figure.legend(
+                handles, methods, loc="outside lower center", ncols=columns, frameon=False
+            )
     return figure
+
+
+def _line_style(number: int) -> dict[str, str]:
+    """Once round matplotlib's ten colours, the dashes move on by one: no two lines are alike."""
+    dashes = ("-", "--", ":", "-.")
+    return {"color": f"C{number % 10}", "linestyle": dashes[number // 10 % len(dashes)]}
 
 
 def write_figures(

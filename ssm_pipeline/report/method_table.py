@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -197,6 +198,16 @@ def _with_labels(comparison: pd.DataFrame, labels: pd.DataFrame | None) -> pd.Da
     own = labels.set_index("method").rename(columns=names)
     kept = [name for name in names.values() if name in own]
     return comparison.join(own[kept], on="method")
+
+
+def without_shown(comparison: pd.DataFrame) -> pd.DataFrame:
+    """What of a comparison the two tables of methods don't show; empty if that is nothing."""
+    prefixes = "|".join(prefix for prefix, *_ in (*_FIRST, *_FURTHER))
+    shown = re.compile(rf"({prefixes})_((se|difference|low|high)_)?(mm|percent|p)|uses_network")
+    rest = [name for name in comparison if not shown.fullmatch(str(name))]
+    return (
+        comparison[rest] if set(rest) - {"method", "modes", "cases", "points"} else pd.DataFrame()
+    )
 
 
 def method_traits(

@@ -32,7 +32,8 @@ def write_page(content: ReportContent, path: Path, settings: ReportSettings | No
 def page_html(content: ReportContent, settings: ReportSettings) -> str:
     """The page's text. Everything is inside: it opens from a folder without a server."""
     payload = build_payload(content, settings)
-    methods, further = method_tables(content.metrics)
+    metrics = content.metrics
+    at_95 = {**metrics, "comparison": metrics.get("comparison_95", pd.DataFrame())}
     return fill(
         "page.html",
         payload.description,
@@ -44,8 +45,8 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         facts=_facts(content),
         pictures=_pictures(content, settings),
         tables=page_tables(content),
-        methods=methods,
-        further=further,
+        methods=method_tables(metrics),
+        methods_95=method_tables(at_95),
         check=check_cases(content),
         warning=collapse_warning(content.training),
         chamfer_floor=_chamfer_floor(content),

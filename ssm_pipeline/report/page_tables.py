@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import pandas as pd
@@ -10,11 +9,11 @@ import pandas as pd
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.curves import distances_in, quality_curves
 from ssm_pipeline.report.headings import heading
+from ssm_pipeline.report.method_table import without_shown
 from ssm_pipeline.report.tables import ReadableTable, readable
 
 _TITLES = {
-    "comparison": "All distances of the comparison",
-    "comparison_95": "Each method with as many modes as hold 95 % of its own variance",
+    "comparison": "The rest of the comparison",
     "fit": "Fit of each method's correspondences, mean over the cases",
     "paper": "The numbers published, on other data",
     "recovered_modes": "Recovered modes of the known truth",
@@ -32,6 +31,7 @@ _TITLES = {
 }
 # Drawn or told elsewhere, or a row a case of what a table of means holds.
 _PLACED = {
+    "comparison_95",
     "compactness",
     "generalisation",
     "generalisation_mean",
@@ -59,26 +59,21 @@ def page_tables(content: ReportContent) -> PageTables:
         name: readable(_by_modes(content, name)) if name in content.metrics else None
         for name in ("generalisation", "specificity")
     }
+    others = dict(content.metrics)
+    if "comparison" in others:
+        others["comparison"] = without_shown(others["comparison"])
     fits = content.correspondence.sort_values("surface_mm", ascending=False)
     return PageTables(
         cohort=readable(_cohort(content.cohort), names),
         correspondence=readable(fits, names),
         stages=_stages(content),
         others=tuple(
-            (_TITLES.get(name, heading(name)), readable(_without_shown(table), names))
-            for name, table in content.metrics.items()
+            (_TITLES.get(name, heading(name)), readable(table, names))
+            for name, table in others.items()
             if name not in _PLACED and not table.empty
         ),
         **by_modes,
     )
-
-
-def _without_shown(table: pd.DataFrame) -> pd.DataFrame:
-    """A comparison without the columns that the table of methods shows as bars and words."""
-    shown = re.compile(r".+_(difference|low|high)_[a-z]+|.+_p|uses_network|matching_saw_case")
-    if not any(str(name).endswith("_difference_mm") for name in table):
-        return table
-    return table[[name for name in table if not shown.fullmatch(str(name))]]
 
 
 def _cohort(cohort: pd.DataFrame) -> pd.DataFrame:

@@ -50,20 +50,27 @@ def readable(
     names: Mapping[str, str] | None = None,
     keep: tuple[str, ...] = ("case_id", "method", "modes"),
 ) -> ReadableTable:
-    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error".
+    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error", and
+    `x_low_unit` with `x_high_unit` as "value (low to high)".
 
     names  case id → short name; the whole id stays with the cell.
     keep   columns that stay even where they say the same in every row.
     """
     names = names or {}
-    errors = {name: partner for name in table if (partner := _error_column(str(name))) in table}
+    errors = {name: partner for name in table if (partner := _beside(name, "se")) in table}
+    ends = {
+        name: pair
+        for name in table
+        if set(pair := (_beside(name, "low"), _beside(name, "high"))) <= set(table)
+    }
+    joined = {*errors.values(), *(end for pair in ends.values() for end in pair)}
     shown: list[Any] = []
     shared: list[tuple[str, str]] = []
     for name in table:
-        if name in errors.values():
+        if name in joined:
             continue
         values = {text(value, _decimals(table[name])) for value in table[name]}
-        if len(table) > 1 and len(values) == 1 and name not in (*keep, *errors):
+        if len(table) > 1 and len(values) == 1 and name not in (*keep, *errors, *ends):
             shared.append((whole_heading(str(name)), values.pop()))
         else:
             shown.append(name)
@@ -78,6 +85,17 @@ def readable(
                 if pd.notna(error)
                 else cell
                 for cell, error in zip(column, table[errors[name]], strict=True)
+            ]
+        if name in ends:
+            low, high = (table[end] for end in ends[name])
+            column = [
+                Cell(
+                    f"{cell.text} ({text(a, decimals)} to {text(b, decimals)})",
+                    f"{cell.whole} ({a:.6g} to {b:.6g})",
+                )
+                if pd.notna(a) and pd.notna(b)
+                else cell
+                for cell, a, b in zip(column, low, high, strict=True)
             ]
         columns.append(column)
     return ReadableTable(
@@ -128,9 +146,10 @@ def _cell(value: Any, decimals: int, names: Mapping[str, str]) -> Cell:
     return Cell(shown, f"{value:.6g}" if is_fraction else shown)
 
 
-def _error_column(name: str) -> str:
-    stem, _, unit = name.rpartition("_")
-    return f"{stem}_se_{unit}"
+def _beside(name: Any, what: str) -> str:
+    """The column that holds the standard error or an end of the interval of another."""
+    stem, _, unit = str(name).rpartition("_")
+    return f"{stem}_{what}_{unit}"
 
 
 def _is_number(column: pd.Series) -> bool:

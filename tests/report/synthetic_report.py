@@ -315,6 +315,7 @@ def _cohort_metrics(
         "generalisation": pd.DataFrame(general),
         "specificity": pd.DataFrame(specific),
         "comparison": pd.DataFrame(rows),
+        "comparison_95": pd.DataFrame(rows).assign(modes=9),
         "labels_mean": pd.DataFrame(
             {
                 "method": [method for method, *_ in COHORT_METHODS],

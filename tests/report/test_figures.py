@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from synthetic_report import even_sphere
+from synthetic_report import even_sphere, make_cohort
 
 from ssm_pipeline.geometry.surface import vertex_normals
 from ssm_pipeline.report import figures
@@ -86,6 +86,20 @@ def test_written_pdf_embeds_editable_fonts_and_repeats(content, tmp_path):
     assert b"/Type3" not in quality
     again = figures.figure_bytes(figures.curves(content.metrics, settings), settings)
     assert again == quality
+
+
+def test_fourteen_methods_are_told_apart_and_named_once():
+    figure = figures.curves(make_cohort(60, 6).metrics, SMALL)
+    for axis in figure.axes:
+        assert len({(line.get_color(), line.get_linestyle()) for line in axis.lines}) == 14
+        assert axis.get_legend() is None
+    assert len(figure.legends[0].get_texts()) == 14
+    assert "surface distance" in figure.axes[1].get_ylabel()
+
+
+def test_long_ids_are_short_under_pictures():
+    figure = figures.correspondence_figure(make_cohort(60, 6), SMALL)
+    assert max(len(axis.get_title().split("\n")[0]) for axis in figure.axes) < 12
 
 
 def test_no_tables_no_curves():

@@ -7,7 +7,12 @@ import pandas as pd
 import pytest
 from synthetic_report import make_cohort
 
-from ssm_pipeline.report.method_table import MethodTable, method_tables, method_traits
+from ssm_pipeline.report.method_table import (
+    MethodTable,
+    method_tables,
+    method_traits,
+    without_shown,
+)
 
 
 def comparison(**columns: list) -> dict[str, pd.DataFrame]:
@@ -128,3 +133,12 @@ def test_the_floor_of_the_chamfer_distance_is_a_row():
     assert shown["Generalisation Chamfer, mm"] == ("1.93", None)
     assert shown["Generalisation 95th percentile, mm"] == ("", None)
     assert all(row.kind != "floor" for row in first(metrics).rows)
+
+
+def test_what_the_tables_of_methods_show_is_not_told_again():
+    table = make_cohort(60, 6).metrics["comparison"].assign(generalisation_chamfer_curve_mm=3.0)
+    assert list(without_shown(table)) == [
+        "method", "modes", "cases", "points", "specificity_hd95_mm", "specificity_hd95_se_mm",
+        "generalisation_chamfer_curve_mm",
+    ]  # fmt: skip
+    assert without_shown(pd.DataFrame({"method": ["full"], "modes": [3]})).empty

@@ -59,6 +59,13 @@ def test_numbers_are_rounded_by_column_and_errors_joined():
     assert result.is_number == (False, True, True, False)
 
 
+def test_intervals_are_joined():
+    table = pd.DataFrame(
+        {"border_mm": [12.25, 13.0], "border_low_mm": [12.0, 12.5], "border_high_mm": [12.5, 13.5]}
+    )
+    assert shown(table)[0] == ("12.2 (12.0 to 12.5)",)
+
+
 def test_long_ids_are_short_and_whole_on_hover():
     table = readable(pd.DataFrame({"case_id": ["x" * 60, "b"]}), {"x" * 60: "…x"})
     assert table.rows[0] == (Cell("…x", "x" * 60),)
