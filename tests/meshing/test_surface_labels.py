@@ -11,8 +11,10 @@ from ssm_pipeline.meshing.surface_labels import surface_labels
 from ssm_pipeline.records import CaseError, Mask
 
 
-def tube(border: float, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mask:
-    """A tube along y of radius 6 mm and 40 mm, label 4 before y = border and 7 beyond."""
+def tube(
+    border: float, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0), slant: float = 0.0
+) -> Mask:
+    """A tube along y of radius 6 mm and 40 mm, label 4 before y + slant x = border, 7 beyond."""
     shape = [int(length / s) for length, s in zip((20, 50, 20), spacing, strict=True)]
     x, y, z = (
         np.arange(n) * s - offset
@@ -20,7 +22,7 @@ def tube(border: float, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -
     )
     z, y, x = np.meshgrid(z, y, x, indexing="ij")
     inside = (x**2 + z**2 < 36) & (y >= 0) & (y < 40)
-    labels = np.where(inside, np.where(y < border, 4, 7), 0)
+    labels = np.where(inside, np.where(y + slant * x < border, 4, 7), 0)
     origin = np.array([-10.0, -5, -10])
     return Mask(inside, np.array(spacing), origin, np.eye(3), "tube", labels=labels)
 
@@ -39,6 +41,15 @@ def test_the_border_is_between_the_voxels_of_either_side(spacing):
     assert (found.labels[y < border - 0.3] == 4).all()
     assert (found.labels[y > border + 0.3] == 7).all()
     assert ((found.shares > 0.05) & (found.shares < 0.95)).any()  # it fades, over about a voxel
+
+
+def test_a_slanted_border_keeps_its_axes():
+    mask = tube(20.0, slant=0.8)
+    mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=2000))
+    found = surface_labels(mesh, mask)
+    ahead = mesh.vertices[:, 1] + 0.8 * mesh.vertices[:, 0] - 19.5
+    assert (found.labels[ahead < -1] == 4).all()  # a voxel's stair
+    assert (found.labels[ahead > 1] == 7).all()
 
 
 def test_a_vertex_far_from_all_voxels_has_the_nearest_ones_label():
