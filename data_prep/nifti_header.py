@@ -22,7 +22,7 @@ _CHUNK = 1 << 22
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NiftiHeader:
     """dim (8,), pixdim (8,), bits a voxel, vox_offset and the two transforms as stored (RAS).
 

@@ -26,7 +26,7 @@ from ssm_pipeline.records import PhantomTruth, StudyError
 _CUT = (0.04, 0.12)  # of the organ's height, where the field of view ends within it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """vertices (R, 3) mm as scanned; scores (M,); what its scan does to it; seed of its noise."""
 

@@ -12,7 +12,7 @@ from skimage.measure import marching_cubes
 from data_prep.phantom_flow import Velocity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PhantomFamily:
     """An anatomy, in LPS millimetres.
 

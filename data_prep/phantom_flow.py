@@ -72,7 +72,7 @@ def flow(points: np.ndarray, velocity: Velocity, steps: int = 8) -> np.ndarray:
     return points
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bumps:
     """Σ push_k · exp(−½ |x − c_k|² / w_k²): centres and pushes (K, 3) mm, widths (K,) mm."""
 

@@ -18,7 +18,7 @@ _BLUR = 0.5  # voxels, the scanner's and the segmentation's
 _FARTHEST_NOISE = 0.4  # of the occupancy: beyond the blur of the border nothing is flipped
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Handle:
     """A bridge over a surface, or a tunnel beneath it: a bent rod through path (3, 3) mm."""
 
@@ -27,7 +27,7 @@ class Handle:
     is_bridge: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
     """Voxel centres: origin (3,) mm LPS, spacing (3,) mm and size (3,) int along x, y, z."""
 

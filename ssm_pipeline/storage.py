@@ -177,7 +177,7 @@ def load(kind: type[Record], path: Path) -> Record:
 
     >>> load(Similarity, Path("runs/none.npz"))
     Traceback (most recent call last):
-    ssm_pipeline.records.DamagedFile: runs/none.npz is missing. If a run made it, ...
+    ssm_pipeline.records.errors.DamagedFile: runs/none.npz is missing. If a run made it, ...
     """
     with damage_named(path), path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         return _record(kind, path, file)

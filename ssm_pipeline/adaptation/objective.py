@@ -27,7 +27,7 @@ class Nearest:
         return float(self.squared_x.mean() + self.squared_y.mean())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MapPull:
     """Where a map says each vertex goes: Σ_i w_i ‖x_i + Δ_i − points_i‖².
 

@@ -21,7 +21,7 @@ FAR_DEG = 45.0  # turned further, a case does not lie as the others do
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Posed:
     """A mesh centred and scaled to unit area, with even points on it (P, 3)."""
 

@@ -128,7 +128,7 @@ def fit(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Pairs:
     """Points of the model with where they should be, all in the model's frame.
 

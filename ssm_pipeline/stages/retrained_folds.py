@@ -30,7 +30,7 @@ TABLES = ("unseen_generalisation", "unseen_specificity")
 _PAIRS = "unseen_label_pairs"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fold:
     """One of `count` folds: the places of its held-out cases, and what was learned without them."""
 

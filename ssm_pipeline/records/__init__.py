@@ -1,0 +1,50 @@
+"""The nouns that travel between the rooms of the pipeline, checked on construction.
+
+World space is LPS (left, posterior, superior), in millimetres, everywhere.
+"""
+
+from ssm_pipeline.records.cases import (
+    CaseSource,
+    Cohort,
+    Dropped,
+    Mask,
+    Surface,
+)
+from ssm_pipeline.records.errors import (
+    CaseError,
+    DamagedFile,
+    StudyError,
+)
+from ssm_pipeline.records.shapes import (
+    CorrespondedShapes,
+    Correspondence,
+    Mesh,
+    ShapePath,
+    SpectralBasis,
+)
+from ssm_pipeline.records.truth import (
+    KnownPair,
+    Metrics,
+    PhantomTruth,
+    SurfaceLabels,
+)
+
+__all__ = [
+    "CaseError",
+    "CaseSource",
+    "Cohort",
+    "CorrespondedShapes",
+    "Correspondence",
+    "DamagedFile",
+    "Dropped",
+    "KnownPair",
+    "Mask",
+    "Mesh",
+    "Metrics",
+    "PhantomTruth",
+    "ShapePath",
+    "SpectralBasis",
+    "StudyError",
+    "Surface",
+    "SurfaceLabels",
+]
