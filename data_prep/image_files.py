@@ -59,6 +59,8 @@ def check_header(path: Path, case_id: str) -> NiftiHeader | None:
         if not is_local:
             data_bytes = (path.parent / name).stat().st_size
         check_metaimage(fields, data_bytes, path, case_id)
+        if (stream := _compressed_stream(path)) is not None:
+            _check_zlib_start(stream[0], stream[1], case_id)
     elif suffix in (".nii", ".nii.gz"):
         header, found = read_nifti_header(path, case_id)
         if header is not None:
@@ -99,6 +101,15 @@ def check_voxels(path: Path, case_id: str, voxels: np.ndarray) -> None:
             raise damaged(data_path, case_id, str(error)) from error
     if not inflater.eof:
         raise damaged(data_path, case_id, "the compressed data end too early")
+
+
+def _check_zlib_start(path: Path, start: int, case_id: str) -> None:
+    """Refuse what asks for a dictionary: MetaIO asks zlib to go on, for ever."""
+    with path.open("rb") as file:
+        file.seek(start)
+        first = file.read(2)
+    if len(first) < 2 or first[1] & 0x20 or int.from_bytes(first, "big") % 31:
+        raise damaged(path, case_id, "the compressed data don't begin as zlib's do")
 
 
 def _compressed_stream(path: Path) -> tuple[Path, int, int] | None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from data_prep.nifti_header import damaged
+from data_prep.vtk_surface import UnreadableSurface, read_vtk
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
 from ssm_pipeline.records import CaseError, Mesh
@@ -67,7 +66,10 @@ def read_triangles(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, st
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
     if suffix in _VTK:
-        vertices, faces, space = _read_vtk(path, case_id)
+        try:
+            vertices, faces, space = read_vtk(path)
+        except UnreadableSurface as error:
+            raise damaged(path, case_id, str(error)) from error
     else:
         vertices, faces = _read_trimesh(path, case_id)
         space = None
@@ -104,61 +106,6 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
         if found < promised:
             raise damaged(path, case_id, f"it holds {found} {name} and promises {promised}")
     return vertices, faces
-
-
-def _read_vtk(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, str | None]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-    from vtkmodules.vtkIOLegacy import vtkPolyDataReader
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    reader = vtkXMLPolyDataReader() if path.suffix.lower() == ".vtp" else vtkPolyDataReader()
-    reader.SetFileName(str(path))
-    with _vtk_errors() as errors:
-        reader.Update()
-    surface = reader.GetOutput()
-    count = surface.GetNumberOfPoints()
-    corners = vtk_to_numpy(surface.GetPolys().GetConnectivityArray())
-    # VTK fills up what a cut-off file lacks with whatever the memory held.
-    if corners.size and (corners.min() < 0 or corners.max() >= count):
-        errors.append("faces name missing vertices")
-    if errors:
-        raise damaged(path, case_id, errors[0])
-    triangles = vtkTriangleFilter()  # also cuts strips and polygons into triangles
-    triangles.PassLinesOff()
-    triangles.PassVertsOff()
-    triangles.SetInputData(surface)
-    triangles.Update()
-    surface = triangles.GetOutput()
-    if not count:
-        return np.empty((0, 3)), np.empty((0, 3), np.int64), None
-    faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
-    note = surface.GetFieldData().GetAbstractArray("SPACE")  # 3D Slicer's, in a .vtp
-    space = str(note.GetValue(0)) if note is not None and note.GetNumberOfValues() else None
-    return vertices, faces.astype(np.int64), space if space in ("LPS", "RAS") else None
-
-
-@contextmanager
-def _vtk_errors() -> Iterator[list[str]]:
-    """What VTK complains of inside the block, instead of on the terminal."""
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
-
-    window, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
-    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
-    errors: list[str] = []
-    vtkOutputWindow.SetInstance(window)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
-        yield errors
-    finally:
-        vtkLogger.SetStderrVerbosity(vtkLogger.ConvertToVerbosity(verbosity))
-        vtkOutputWindow.SetInstance(before)
-        # One of its messages is a warning by rank and an error by its words; other warnings are
-        # of attributes that no surface needs.
-        said = window.GetOutput()  # bytes, where a damaged file is quoted
-        text = said.decode("latin-1") if isinstance(said, bytes) else said
-        errors += re.findall(r"Error (?:reading|parsing)[^\n]*", text)
 
 
 def _missing_of_stl(content: bytes) -> str:
