@@ -86,6 +86,7 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
                 "compactness": model.compactness,
             }
         ),
+        "cohort_check/cohort_check": pd.DataFrame(columns=["case_id", "remarks"]),
         "evaluation/correspondence": pd.DataFrame(
             columns=["case_id", "method", "seed", "fit_mm", "fit_hd95_mm"]
         ),
@@ -100,7 +101,15 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
     model.save(folder / "shape_model" / "model.npz")
     storage.write_text(folder / "study.yaml", settings.to_yaml())
     key = key_of_arrays(model.mean, model.modes, model.variances)
-    for stage in ("meshing", "correspondence", "groupwise", "shape_model", "evaluation", "report"):
+    for stage in (
+        "meshing",
+        "cohort_check",
+        "correspondence",
+        "groupwise",
+        "shape_model",
+        "evaluation",
+        "report",
+    ):
         _record(stage, case_ids, key).write(folder / stage)
     owner = {
         "study": folder.name,

@@ -12,7 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from ssm_pipeline.fitting.cross_validation import model_without, score_inflation
+from ssm_pipeline.fitting.cross_validation import (
+    model_without,
+    of_common_modes,
+    score_inflation,
+)
 from ssm_pipeline.fitting.model_fit import Fit, fit
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.distances import SurfaceTarget
@@ -66,7 +70,8 @@ def uncertainty(
         delayed(_completed_without)(shapes, index, fitted.observed, with_scale, seed)
         for index in range(len(shapes.case_ids))
     )
-    errors, own, z = (np.stack(part) for part in zip(*work, strict=True))
+    errors, own = (np.stack([case[part] for case in work]) for part in (0, 1))
+    z = of_common_modes([case[2] for case in work])
     wanted = ~fitted.observed if fitted.is_partial else fitted.observed
     stated = normal_variance(model, fitted)
     sd = np.sqrt(stated + _excess(errors, own))

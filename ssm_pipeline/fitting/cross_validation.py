@@ -82,12 +82,24 @@ def cross_validate(
         case_ids=shapes.case_ids,
         residual_mm=np.array([fitted.residual_mm for fitted in fits]),
         mahalanobis=np.array([fitted.mahalanobis for fitted in fits]),
-        score_errors=np.stack([errors for _, errors in work]),
+        score_errors=of_common_modes([errors for _, errors in work]),
         turned_deg=np.degrees((upright.inv() * turns).magnitude()),
         size=np.array([fitted.frame.scale for fitted in fits]),
         upright=upright.as_matrix(),
         distance_rms_mm=np.sqrt(np.mean([fitted.distances_mm**2 for fitted in fits], axis=0)),
     )
+
+
+def of_common_modes(errors: Sequence[np.ndarray]) -> np.ndarray:
+    """(N, M) of N arrays (M_n,): the leading modes that all have. Without one case or another a
+    model may keep a last mode of next to no variance, or lose it.
+
+    >>> of_common_modes([np.array([1.0, 2.0]), np.array([3.0])])
+    array([[1.],
+           [3.]])
+    """
+    fewest = min(map(len, errors))
+    return np.stack([array[:fewest] for array in errors])
 
 
 def score_inflation(errors: np.ndarray) -> float:

@@ -88,6 +88,12 @@ def judge(
             f"extreme: {distance.value:.1f} standard deviations from the mean; of the model's "
             f"kind, one in {1 / TAIL:.0f} is more than {distance.threshold:.1f} away."
         )
+    smallest, largest = usual_sizes(reference)
+    if not smallest <= size <= largest:
+        flags.append(
+            f"size: {size:.2f} times the mean; of the model's kind, one in {1 / TAIL:.0f} lies "
+            f"outside {smallest:.2f} to {largest:.2f}."
+        )
     return Typicality(residual, distance, turned_deg, turned_threshold, mirror_ratio, tuple(flags))
 
 
