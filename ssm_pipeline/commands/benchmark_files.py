@@ -10,7 +10,7 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
-from ssm_pipeline.records import Mesh, ShapePath, SpectralBasis
+from ssm_pipeline.records import CaseError, Mesh, ShapePath, SpectralBasis
 from ssm_pipeline.spectral.settings import SpectralSettings
 
 
@@ -27,6 +27,22 @@ class BenchmarkFiles:
         path = self.folder / "bases" / f"{key_of(key_of_mesh(mesh), self.spectral)}.npz"
         if not path.exists():
             storage.save(spectral_basis(mesh, self.spectral), path)
+        return storage.load(SpectralBasis, path)
+
+    def training_basis(self, mesh: Mesh, faces: int) -> SpectralBasis:
+        """Of the mesh with at most `faces` triangles, which is quicker to train on.
+
+        A mesh that can't be made coarser, since it is no closed manifold, is taken as it is.
+        """
+        from ssm_pipeline.meshing.decimation import decimate
+
+        path = self.folder / "bases" / f"{key_of(key_of_mesh(mesh), self.spectral, faces)}.npz"
+        if not path.exists():
+            try:
+                coarse = decimate(mesh, faces)
+            except CaseError:
+                coarse = mesh
+            storage.save(self.basis(coarse), path)
         return storage.load(SpectralBasis, path)
 
     def geodesics(self, mesh: Mesh) -> np.ndarray:

@@ -121,7 +121,10 @@ class _Predictor:
             if path != checkpoint:
                 training = training_of(settings, method)
                 trained_matcher(
-                    lambda: [files.basis(shapes.meshes[index]) for index in shapes.train],
+                    lambda: [
+                        files.training_basis(shapes.meshes[index], training.faces)
+                        for index in shapes.train
+                    ],
                     training,
                     settings.seed,
                     device,
@@ -161,9 +164,12 @@ class _Predictor:
     def _matched(self, x: Mesh, y: Mesh) -> np.ndarray:
         from ssm_pipeline.adaptation.correspond import correspond
 
-        bases = self.files.basis(y), self.files.basis(x)
+        bases, coarse = (self.files.basis(y), self.files.basis(x)), None
+        if self.matcher is not None:
+            faces = self.settings.training.faces
+            coarse = self.files.training_basis(y, faces), self.files.training_basis(x, faces)
         seed, adaptation = self.settings.seed, self.settings.adaptation
-        match = correspond(*bases, self.matcher, adaptation, self.method, seed=seed)
+        match = correspond(*bases, self.matcher, adaptation, self.method, coarse, seed)
         return match.nearest_vertex
 
 
@@ -208,8 +214,10 @@ def _say_cost(
             "a trained matcher by --checkpoint."
         )
     terminal.say("measuring a few steps and one pair …")
-    x, y = (files.basis(shapes.meshes[index]) for index in shapes.train[:2])
-    step_s, trial = seconds_a_step(x, y, settings.training, device)
+    meshes, faces = [shapes.meshes[index] for index in shapes.train[:2]], settings.training.faces
+    coarse_x, coarse_y = (files.training_basis(mesh, faces) for mesh in meshes)
+    step_s, trial = seconds_a_step(coarse_x, coarse_y, settings.training, device)
+    x, y = (files.basis(mesh) for mesh in meshes)
     pair_s = seconds_a_pair(x, y, trial, settings.adaptation, settings.methods)
     pairs: dict[str, int] = {method: len(shapes.pairs) for method in settings.methods}
     terminal.say(cost_in_words(len(missing), settings.training.steps, step_s, pairs, pair_s))
