@@ -27,7 +27,7 @@ DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
 
 
 class MatchingBenchmarkSettings(Settings):
-    """What is trained and tested. `training.faces` is not used: shapes are taken as they come."""
+    """What is trained and tested. Shapes are tested as they come, and trained on coarser."""
 
     seed: int = Field(0, ge=0)  # of every random draw
     spectral: SpectralSettings = SpectralSettings()
