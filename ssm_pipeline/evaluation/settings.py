@@ -22,7 +22,8 @@ class EvaluationSettings(Settings):
     mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
     folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0 leaves one case out a time
     # Draws of each model built without one case, for the interval of specificity; 0: no interval.
-    jackknife_samples: int = Field(24, ge=0)
+    # It is most of an evaluation's time where asked for: 24 are enough.
+    jackknife_samples: int = Field(0, ge=0)
     fit_surfaces: bool = True  # generalisation also by fitting the model to the surface alone
     coverage_edges: float = Field(1.5, gt=0)  # "no template point near", in mean edge lengths
     labels: bool = True  # carry labels of parts from case to case, where the masks have several

@@ -27,19 +27,11 @@ class ComparisonSettings(Settings):
     methods: tuple[Method, ...] = (
         "without groupwise",
         "without adaptation",
-        "spectral only",
         "adaptation only",
-        "adaptation only, groupwise",
         "nearest point",
-        "affine nearest",
-        "affine nearest, groupwise",
-        "nricp",
-        "nricp, groupwise",
-        "cpd",
-        "cpd, groupwise",
         "S3M",
         "S3M tuned",
-    )
+    )  # the quick rows and the baseline; `workflow benchmark results` takes every one
     registration: RegistrationSettings = RegistrationSettings()
     s3m: S3MSettings = S3MSettings()
     retrain: bool = False  # also with all that is learned learned anew without each fold
