@@ -73,7 +73,7 @@ class _Shifted:
 
 def _growth(points: np.ndarray) -> np.ndarray:
     """Larger or smaller as a whole, the taller the more: the affine part of what varies."""
-    return points * [0.018, 0.018, 0.028]
+    return points * [0.016, 0.016, 0.025]
 
 
 _MODES: tuple[Velocity, ...] = (

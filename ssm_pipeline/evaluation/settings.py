@@ -37,7 +37,7 @@ def mode_counts(total: int, limit: int, also: Sequence[int] = ()) -> list[int]:
     also  more of them, such as those that hold 95 % of the variance; none above the total.
 
     >>> mode_counts(20, 3, also=[7])
-    [1, 7, 10, 20]
+    [1, 7, 11, 20]
     """
     if total <= limit:
         return list(range(1, total + 1))

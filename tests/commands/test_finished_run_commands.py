@@ -95,7 +95,7 @@ def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path):
     assert (run_copy / "study.yaml").read_text() == settings
     said = workflow("evaluate", str(run_copy), "--folds", "2")
     assert said.code == 1
-    assert "2 remain when a fold is left out" in said.stderr
+    assert "each must leave 3 cases" in said.stderr
 
 
 def test_evaluate_wants_a_run(workflow: Workflow, tmp_path: Path):
