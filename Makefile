@@ -15,7 +15,7 @@ run: install
 	$(BIN)/workflow run $(STUDY)
 
 test: install-dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 # Real runs killed at every write, and ten thousand damaged files a reader: hours.
 test-slow: install-dev

@@ -59,8 +59,8 @@ def test_verify_of_no_run_says_so(workflow: Workflow, tmp_path: Path):
 def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_run: Path):
     said = workflow("status", str(tiny_run)).stdout.splitlines()
     assert [line.split()[0] for line in said[1:11]] == [
-        "data", "meshing", "cohort_check", "spectral", "training", "correspondence", "groupwise", "shape_model",
-        "evaluation", "report",
+        "data", "meshing", "cohort_check", "spectral", "training", "correspondence", "groupwise",
+        "shape_model", "evaluation", "report",
     ]  # fmt: skip
     assert said[-1] == "finished"
 
