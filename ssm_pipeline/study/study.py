@@ -75,12 +75,13 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
     path = find_study(name)
     content = read_yaml(path)
     stand_in = content.pop(WITHOUT_DATA, None)
-    section = content.get("data")
-    if not isinstance(section, Mapping):
-        raise StudyError(f"{path}: a section `data` is needed, with `source: masks` or luna16.")
+    if stand_in is not None and not isinstance(stand_in, Mapping):
+        raise StudyError(f"{path}: {WITHOUT_DATA} is no section of settings.")
     over = [{"data": {"folder": str(data)}}] if data is not None else []
     over += parse_changes(changes)
     changed = functools.reduce(merge, over, content)
+    if not isinstance(content.get("data"), Mapping) or not isinstance(changed["data"], Mapping):
+        raise StudyError(f"{path}: a section `data` is needed, with `source: masks` or luna16.")
     is_stand_in = (
         changed["data"].get("source") != "phantoms" and changed["data"].get("folder") is None
     )

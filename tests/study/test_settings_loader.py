@@ -80,5 +80,10 @@ def test_numbers_out_of_bounds_are_refused_before_any_work(change: str, what: st
         read_study("luna16", data=Path("masks"), changes=[change])
 
 
+def test_a_section_that_is_set_to_a_value_is_refused():
+    with pytest.raises(StudyError, match="a section `data` is needed"):
+        read_study("luna16", changes=["data=5"])
+
+
 def test_a_study_without_any_of_it_is_in_order():
     assert checked_as(StudySettings, {"data": DATA}, Path("a.yaml")).seed == 0
