@@ -14,7 +14,8 @@ import pytest
 import trimesh
 from command_line import Workflow
 
-from ssm_pipeline import cli, load_run
+from ssm_pipeline import load_run
+from ssm_pipeline.cli.results import export
 from ssm_pipeline.commands.export_run import FORMATS
 from ssm_pipeline.commands.pseudonyms import pseudonyms_of
 
@@ -125,4 +126,4 @@ def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path
 
 
 def test_all_formats_are_the_default():
-    assert inspect.signature(cli.export).parameters["formats"].default == ",".join(FORMATS)
+    assert inspect.signature(export).parameters["formats"].default == ",".join(FORMATS)

@@ -1,0 +1,5 @@
+"""`python -m ssm_pipeline.cli`."""
+
+from ssm_pipeline.cli import main
+
+main()

@@ -1,0 +1,47 @@
+"""The `workflow` command itself, and the arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="From CT or MR segmentation masks to a statistical shape model.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+StudyName = Annotated[
+    str, typer.Argument(help="A study's name (see `workflow list`) or the path of its YAML.")
+]
+DataFolder = Annotated[
+    Path | None, typer.Option("--data", help="Folder with the masks.", show_default=False)
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change a setting, as training.steps=2000. May be repeated.",
+        show_default=False,
+    ),
+]
+Device = Annotated[
+    str | None, typer.Option(help="cpu or cuda; cuda where there is one.", show_default=False)
+]
+Jobs = Annotated[
+    int | None, typer.Option(min=1, help="Cases at a time; one a core.", show_default=False)
+]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")]
+RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
+
+
+@app.callback()
+def _options(
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error; anywhere in the line.")
+    ] = False,
+) -> None:
+    """`main` takes --debug out of the line, wherever it stands."""

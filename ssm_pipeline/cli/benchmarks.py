@@ -1,0 +1,198 @@
+"""Commands that measure the method where the truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ssm_pipeline.cli.app import (
+    Changes,
+    DataFolder,
+    Device,
+    Jobs,
+    RunsFolder,
+    StudyName,
+    app,
+)
+
+benchmark = typer.Typer(help="Measure the method where the truth is known.", no_args_is_help=True)
+app.add_typer(benchmark, name="benchmark")
+
+
+@benchmark.command()
+def phantoms(
+    changes: Changes = None,
+    reported: Annotated[
+        bool, typer.Option("--reported", help="The cohorts that are published, not development's.")
+    ] = False,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """The whole pipeline on synthetic organs with known truth, as scanned and turned."""
+    from data_prep.phantom_seeds import DEVELOPMENT, REPORTED
+    from ssm_pipeline.commands.phantom_benchmark import run_phantom_benchmark
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
+
+    chosen = read_study("phantoms", None, changes or [])
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    seeds = REPORTED if reported else DEVELOPMENT
+    methods, modes = run_phantom_benchmark(chosen.settings, options, terminal, seeds)
+    for table in (methods, modes):
+        terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"tables: {runs / 'phantom-benchmark.csv'}, {runs / 'phantom-modes.csv'}")
+
+
+@benchmark.command()
+def results(
+    data: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--data", help="lungs=FOLDER or hippocampi=FOLDER. Repeated.", show_default=False
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="A part alone, as lungs. Repeated.", show_default=False)
+    ] = None,
+    folder: Annotated[Path, typer.Option("--to", help="Where to.")] = Path("docs/results"),
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """Every number of the results page, with seed, commit, machine and minutes; part by part."""
+    from ssm_pipeline.commands.results import make_results
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.records import StudyError
+
+    folders: dict[str, Path] = {}
+    for word in data or []:
+        name, equals, place = word.partition("=")
+        if not equals:
+            raise StudyError(f"--data {word}: a name and a folder are needed, as lungs=FOLDER.")
+        folders[name] = Path(place)
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    made = make_results(folder, folders, options, terminal, only or [], changes or [])
+    terminal.say(f"{', '.join(made) or 'nothing'}: {folder / 'results.json'}")
+
+
+@benchmark.command()
+def spread(
+    study: StudyName,
+    data: DataFolder = None,
+    changes: Changes = None,
+    templates: Annotated[int, typer.Option(min=1, help="Templates, the best first.")] = 3,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds, from the study's own on.")] = 3,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """A study repeated with other seeds and other templates: how much its results vary."""
+    from ssm_pipeline.commands.spread import run_spread
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
+
+    chosen = read_study(study, data, changes or [])
+    options = RunOptions(runs / "spread", chosen_device(device), jobs or default_jobs())
+    terminal, first = Terminal(), chosen.settings.seed
+    wanted = range(first, first + seeds)
+    _, each, mean = run_spread(chosen.name, chosen.settings, options, terminal, wanted, templates)
+    path = runs / "spread" / f"{chosen.name}-spread.csv"
+    each.to_csv(path.with_name(f"{chosen.name}-spread-runs.csv"), index=False)
+    mean.to_csv(path, index=False)
+    terminal.say(mean.round(3).to_string(index=False))
+    terminal.say(f"table: {path}")
+
+
+@benchmark.command()
+def s3m(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")],
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """Scores of S3M after 1, 3, 10 and 30 epochs of a run's one training, and its losses."""
+    from ssm_pipeline.commands.s3m_epochs import score_s3m_epochs
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.terminal import Terminal
+
+    terminal = Terminal()
+    table = score_s3m_epochs(
+        run_folder, terminal, device=chosen_device(device), jobs=jobs or default_jobs()
+    )
+    terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"tables: {run_folder / 'evaluation' / 'S3M'}")
+
+
+@benchmark.command()
+def matching(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder with off/ and corres/.", show_default=False),
+    ] = None,
+    built_in: Annotated[
+        str | None,
+        typer.Option(
+            "--built-in", help="articulated or articulated-shapes: figures made here.",
+            show_default=False,
+        ),
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            help="faust, scape, shrec19, topkids, smal, dt4d-intra, dt4d-inter, or a YAML.",
+            show_default=False,
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(help="Rows, with commas: full, adaptation only …", show_default=False),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Training steps, fewer for a look.")
+    ] = None,
+    train: Annotated[
+        str | None, typer.Option(help="Shapes to train on: 0:80, train.txt, or dog,fox.")
+    ] = None,
+    test: Annotated[str | None, typer.Option(help="Shapes to test on, likewise.")] = None,
+    self_pairs: Annotated[
+        bool, typer.Option("--self-pairs", help="Count a shape's map to itself too.")
+    ] = False,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="A trained matcher.pt, instead of training.")
+    ] = None,
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+) -> None:
+    """Mean geodesic error on shapes with known correspondences, as the papers report it."""
+    from ssm_pipeline.commands.benchmark_shapes import benchmark_shapes, built_in_shapes
+    from ssm_pipeline.commands.matching_benchmark import run_matching
+    from ssm_pipeline.commands.matching_benchmark_settings import read_benchmark_settings
+    from ssm_pipeline.engine.process import chosen_device
+    from ssm_pipeline.engine.terminal import Terminal
+
+    settings = read_benchmark_settings(
+        data, built_in, preset, methods, steps, train, test, self_pairs, changes or []
+    )
+    terminal = Terminal()
+    name = built_in or str(data and data.resolve().name)
+    folder = runs / f"matching-{name}"
+    shapes = (
+        benchmark_shapes(name, data, settings)
+        if data is not None
+        else built_in_shapes(name, folder / "shapes", settings, terminal)
+    )
+    summary = run_matching(shapes, folder, settings, checkpoint, chosen_device(device), terminal)
+    terminal.say(summary.round(3).to_string(index=False))
+    terminal.say(f"tables and curves: {folder}")
