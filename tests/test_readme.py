@@ -68,7 +68,7 @@ def test_every_command_and_option_named_exists(page: str):
     for name in set(re.findall(r"(?:^    |`)workflow (\w+)", PAGES[page], flags=re.MULTILINE)):
         assert name in group.commands, f"workflow {name}"
     lines = [line for line in PAGES[page].splitlines() if "workflow" in line or "`--" in line]
-    for option in set(re.findall(r"(--[a-z]+)\b", "\n".join(lines))):
+    for option in set(re.findall(r"(--[a-z-]+)\b", "\n".join(lines))):
         assert option in options, option
 
 
