@@ -2,7 +2,7 @@
 
 VTK 9.7's readers end the process that they run in on some damaged files: a segmentation fault, or
 all memory asked for at once. This file is also the program of that process, so that it imports
-nothing but NumPy and VTK.
+nothing but NumPy, psutil and VTK.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 LONGEST_S = 600
 MEMORY_BYTES, MEMORY_PER_BYTE = 2 * 2**30, 30  # of the file: text is read into numbers and lists
@@ -96,16 +97,11 @@ def _vtk_errors() -> Iterator[list[str]]:
 
 
 def _limit_memory(file_bytes: int) -> None:
-    try:
-        import resource
-    except ImportError:  # Windows has no such limits
+    own = psutil.Process()
+    if not hasattr(own, "rlimit"):  # Linux alone has such limits
         return
-    try:
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    except OSError:
-        return
-    most = used + MEMORY_BYTES + MEMORY_PER_BYTE * file_bytes
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    most = own.memory_info().vms + MEMORY_BYTES + MEMORY_PER_BYTE * file_bytes
+    own.rlimit(psutil.RLIMIT_AS, (most, most))
 
 
 def main() -> int:
