@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ssm_pipeline.adaptation.adapt import adapt
+from ssm_pipeline.adaptation.carried_onto import carried_onto
 from ssm_pipeline.adaptation.objective import MapPull
 from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
-from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Correspondence, SpectralBasis
@@ -101,13 +100,4 @@ def _adapted(
 def _carried_onto(
     case: SpectralBasis, template: SpectralBasis, posed: np.ndarray
 ) -> Correspondence:
-    on_case = closest_points(posed, case.vertices, case.faces)
-    _, nearest_vertex = cKDTree(case.vertices).query(posed)
-    return Correspondence(
-        template_id=template.case_id,
-        case_id=case.case_id,
-        case_faces=on_case.faces,
-        barycentric=on_case.barycentric,
-        nearest_vertex=nearest_vertex.astype(np.int64),
-        fitted=case.frame.apply(posed),
-    )
+    return carried_onto(case, template.case_id, posed, case.frame.apply(posed))

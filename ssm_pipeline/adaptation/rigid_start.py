@@ -9,21 +9,31 @@ import pandas as pd
 
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.rigid import iterative_closest_point
+from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import sample_points
-from ssm_pipeline.records import SpectralBasis
+from ssm_pipeline.records import Mesh, SpectralBasis
 from ssm_pipeline.training.partners import partner_pairs
 
 SAMPLES = 4000  # points on each surface
 
 
-def rigidly_aligned(template: SpectralBasis, case: SpectralBasis, seed: int) -> np.ndarray:
-    """(V, 3) the template on the case, both at unit area and centred: iterative closest points."""
+def rigid_motion(
+    template: Mesh | SpectralBasis, case: Mesh | SpectralBasis, seed: int
+) -> Similarity:
+    """Lays the template on the case, both at unit area and centred: iterative closest points.
+
+    seed  of the samples of both surfaces: every method that starts here starts alike.
+    """
     generator = np.random.default_rng(seed)
-    frame = iterative_closest_point(
+    return iterative_closest_point(
         sample_points(template.vertices, template.faces, SAMPLES, generator),
         sample_points(case.vertices, case.faces, SAMPLES, generator),
     )
-    return frame.apply(template.vertices)
+
+
+def rigidly_aligned(template: SpectralBasis, case: SpectralBasis, seed: int) -> np.ndarray:
+    """(V, 3) the template's vertices after `rigid_motion`."""
+    return rigid_motion(template, case, seed).apply(template.vertices)
 
 
 def rank_templates_by_distance(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import importlib.util
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from ssm_pipeline.adaptation.carried_onto import carried_onto
 from ssm_pipeline.baselines.rigid_start import rigid_start
 from ssm_pipeline.baselines.settings import RegistrationSettings
-from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.methods import Registration
 from ssm_pipeline.records import Correspondence, Mesh
 
@@ -59,13 +58,4 @@ def register(
         from ssm_pipeline.baselines.coherent_point_drift import cpd_fitted
 
         fitted = cpd_fitted(start, template.faces, case, settings)
-    on_case = closest_points(fitted, case.vertices, case.faces)
-    _, nearest_vertex = cKDTree(case.vertices).query(fitted)
-    return Correspondence(
-        template_id=template.case_id,
-        case_id=case.case_id,
-        case_faces=on_case.faces,
-        barycentric=on_case.barycentric,
-        nearest_vertex=nearest_vertex.astype(np.int64),
-        fitted=fitted,
-    )
+    return carried_onto(case, template.case_id, fitted, fitted)

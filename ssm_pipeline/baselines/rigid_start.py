@@ -7,12 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssm_pipeline.geometry.rigid import iterative_closest_point
+from ssm_pipeline.adaptation.rigid_start import rigid_motion
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.geometry.surface import area, centroid, sample_points
+from ssm_pipeline.geometry.surface import area, centroid
 from ssm_pipeline.records import Mesh
-
-_POINTS = 4000  # samples of each surface
 
 
 def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
@@ -30,11 +28,7 @@ def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
     2.0
     """
     inner, outer = _unit_frame(template), _unit_frame(case)
-    generator = np.random.default_rng(seed)  # the same samples for every method
-    found = iterative_closest_point(
-        sample_points(inner.inverse().apply(template.vertices), template.faces, _POINTS, generator),
-        sample_points(outer.inverse().apply(case.vertices), case.faces, _POINTS, generator),
-    )
+    found = rigid_motion(_moved(template, inner), _moved(case, outer), seed)
     scale = outer.scale / inner.scale
     translation = outer.translation + outer.scale * (
         found.translation - found.rotation @ inner.translation / inner.scale
@@ -56,11 +50,12 @@ def rigidly_aligned(
         # Rigid: about the place on the case where the template's centre came to lie.
         back = start.apply(middle) - start.rotation @ middle
         frames.append(Similarity(1.0, start.rotation, back))
-    moved = [
-        dataclasses.replace(mesh, vertices=frame.inverse().apply(mesh.vertices))
-        for mesh, frame in zip(meshes, frames, strict=True)
-    ]
-    return moved, frames
+    return [_moved(mesh, frame) for mesh, frame in zip(meshes, frames, strict=True)], frames
+
+
+def _moved(mesh: Mesh, frame: Similarity) -> Mesh:
+    """The mesh in the inner space of a frame."""
+    return dataclasses.replace(mesh, vertices=frame.inverse().apply(mesh.vertices))
 
 
 def _unit_frame(mesh: Mesh) -> Similarity:

@@ -9,8 +9,6 @@ import torch
 from ssm_pipeline.matching.hard_map import nearest_features
 from ssm_pipeline.matching.shape import Shape
 
-COLLAPSED_EXTENT = 0.5  # of Y's own: below, every point is carried towards the middle
-
 
 @dataclass(frozen=True)
 class MapHealth:
@@ -24,10 +22,6 @@ class MapHealth:
     sharpness: float
     mean_cosine: float
     share_hit: float
-
-    @property
-    def is_collapsed(self) -> bool:
-        return self.extent < COLLAPSED_EXTENT
 
 
 @torch.no_grad()

@@ -8,6 +8,9 @@ from pydantic import Field
 
 from ssm_pipeline.settings import Settings
 
+# Of Y's extent: a soft map narrower than this carries every point towards the middle.
+COLLAPSED_EXTENT = 0.5
+
 InferenceMap = Literal["projected", "features", "soft"]
 
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
+
 POINTS = 120  # of a curve on the page; each is the mean over as many steps as fall to it
-COLLAPSED_EXTENT = 0.5  # a soft map narrower than this share of its target has collapsed
 COLLAPSED_COSINE = 0.9  # so have features that all point one way
 
 # Column of the losses' table, title, unit.

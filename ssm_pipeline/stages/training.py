@@ -6,6 +6,7 @@ import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 from ssm_pipeline.stages.context import Context, training_bases
 from ssm_pipeline.stages.resumable_training import forget_checkpoint, train_resumably
 
@@ -17,7 +18,6 @@ def train_matcher(context: Context) -> Outcome:
     """
     if context.settings.matching == "none":
         return _rank_templates(context)
-    from ssm_pipeline.matching.map_health import COLLAPSED_EXTENT
     from ssm_pipeline.training.matcher import save_matcher
     from ssm_pipeline.training.template import choose_template
 
@@ -37,8 +37,7 @@ def train_matcher(context: Context) -> Outcome:
     save_matcher(matcher, folder / "matcher.pt")
     rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
     context.write_table("losses", rows)
-    with storage.written_whole(folder / "template_losses.csv") as temporary:
-        template_losses.to_csv(temporary, index=False)
+    context.write_table("template_losses", template_losses.to_dict("records"))
     forget_checkpoint(folder, context.key)
     table = pd.DataFrame(rows)
     extent = table["map_extent"].dropna().iloc[-1]
