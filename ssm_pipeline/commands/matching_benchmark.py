@@ -18,7 +18,7 @@ from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.methods import FULL, WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Mesh, ShapePath, StudyError
-from ssm_pipeline.stages.resumable_training import trained_matcher
+from ssm_pipeline.stages.resumable_training import key_of_start, trained_matcher
 from ssm_pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
@@ -188,7 +188,9 @@ def matcher_path(
     if checkpoint is not None and method != _SPECTRAL_ONLY:
         return checkpoint
     meshes = [key_of_mesh(shapes.meshes[index]) for index in shapes.train]
-    key = key_of(meshes, settings.spectral, training_of(settings, method), settings.seed)
+    training = training_of(settings, method)
+    start = key_of_start(training)
+    key = key_of(meshes, settings.spectral, training, start, settings.seed)
     return files.folder / f"matcher-{key}.pt"
 
 

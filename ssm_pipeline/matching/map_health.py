@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from ssm_pipeline.matching.hard_map import nearest_features
+from ssm_pipeline.matching.pair import MatchedPair
 from ssm_pipeline.matching.shape import Shape
 
 
@@ -46,6 +47,13 @@ def map_health(
         sharpness=float(weight @ Pi.amax(dim=1)),
         mean_cosine=float(unit.square().sum()),
         share_hit=len(hit) / len(F_y),
+    )
+
+
+def map_extent(pair: MatchedPair) -> float:
+    """Spread of Π_xy Y over Y's own, of all vertices."""
+    return float(
+        _spread(pair.y_on_x, pair.shape_x.mass) / _spread(pair.shape_y.vertices, pair.shape_y.mass)
     )
 
 

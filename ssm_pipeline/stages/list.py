@@ -13,7 +13,7 @@ from ssm_pipeline.stages.meshing import make_meshes, what_meshes_rest_on
 from ssm_pipeline.stages.report import what_the_report_rests_on, write_report
 from ssm_pipeline.stages.shape_model import build_model
 from ssm_pipeline.stages.spectral import make_bases
-from ssm_pipeline.stages.training import train_matcher
+from ssm_pipeline.stages.training import train_matcher, what_training_rests_on
 from ssm_pipeline.study.settings import StudySettings
 
 STAGES: tuple[Stage[StudySettings], ...] = (
@@ -34,7 +34,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     Stage(
         "training",
         train_matcher,
-        lambda s: {"matching": s.matching, "training": s.training, "seed": s.seed},
+        what_training_rests_on,
         needs=("spectral",),
         version=2,
     ),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ssm_pipeline import storage
-from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import DamagedFile, SpectralBasis
 from ssm_pipeline.stages.context import Context, training_bases
@@ -66,6 +66,12 @@ def train_resumably(
     return matcher, history
 
 
+def key_of_start(settings: TrainingSettings) -> str:
+    """Hash of the weights that training starts from; empty for fresh ones."""
+    path = settings.start_file
+    return key_of_files([path]) if path is not None and path.is_file() else ""
+
+
 def forget_checkpoint(folder: Path, key: str) -> None:
     storage.remove(_checkpoint(folder, key))
 
@@ -109,7 +115,7 @@ def matcher_of_cases(
         context.seed,
         context.device,
         folder,
-        key_of(rests_on, settings, context.seed),
+        key_of(rests_on, settings, key_of_start(settings), context.seed),
         label,
         context.terminal,
     )

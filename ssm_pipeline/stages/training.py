@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import pandas as pd
-
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 from ssm_pipeline.stages.context import Context, training_bases
-from ssm_pipeline.stages.resumable_training import forget_checkpoint, train_resumably
+from ssm_pipeline.stages.resumable_training import (
+    forget_checkpoint,
+    key_of_start,
+    train_resumably,
+)
+from ssm_pipeline.study.settings import StudySettings
 
 
 def train_matcher(context: Context) -> Outcome:
-    """matcher.pt, losses.csv (a row per step) and template_losses.csv (a row per case).
+    """matcher.pt, losses.csv (a row per step, if any) and template_losses.csv (a row per case).
 
     Where the study matches without a network, only template_losses.csv.
     """
@@ -36,19 +39,33 @@ def train_matcher(context: Context) -> Outcome:
     _, template_losses = choose_template(matcher, bases)
     save_matcher(matcher, folder / "matcher.pt")
     rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
-    context.write_table("losses", rows)
+    if rows:
+        context.write_table("losses", rows)
+    else:
+        storage.remove(folder / "losses.csv")
     context.write_table("template_losses", template_losses.to_dict("records"))
     forget_checkpoint(folder, context.key)
-    table = pd.DataFrame(rows)
-    extent = table["map_extent"].dropna().iloc[-1]
+    extent = template_losses["map_extent"].median()
     if extent < COLLAPSED_EXTENT:
         context.terminal.say(
             f"      the map has collapsed: it carries every point towards the middle of the other "
             f"shape ({100 * extent:.0f} % of its extent). What follows rests on it. Train longer "
             "(training.steps), or compare with the method adaptation only."
         )
-    note = f"{settings.steps} steps, loss {table['total'].tail(100).mean():.3g}"
-    return Outcome(context.case_keys, note=f"{note}, map extent {100 * extent:.0f} %")
+    loss = template_losses["mean_loss"].mean()
+    note = f"{settings.steps} steps, loss {loss:.3g}, map extent {100 * extent:.0f} %"
+    return Outcome(context.case_keys, note=note)
+
+
+def what_training_rests_on(settings: StudySettings) -> dict[str, object]:
+    """Of the settings, with the content of the weights that training starts from."""
+    training = settings.training
+    return {
+        "matching": settings.matching,
+        "training": training,
+        "start": key_of_start(training),
+        "seed": settings.seed,
+    }
 
 
 def _rank_templates(context: Context) -> Outcome:

@@ -12,7 +12,12 @@ FEWEST_KEPT = 3  # cases that a model is built from when others are held out
 
 
 def refuse_what_cannot_fit(settings: StudySettings, cohort: Cohort) -> None:
-    """Raise StudyError for a template or folds that these cases don't allow."""
+    """Raise StudyError for a template or folds that these cases don't allow, or weights to start
+    from that are no such weights."""
+    if settings.matching == "network" and settings.training.start != "none":
+        from ssm_pipeline.training.start import refuse_other_networks  # it imports PyTorch
+
+        refuse_other_networks(settings.training)
     case_ids = [case.case_id for case in cohort.cases]
     if settings.template is not None and settings.template not in case_ids:
         raise StudyError(

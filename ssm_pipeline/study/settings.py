@@ -18,7 +18,7 @@ from ssm_pipeline.settings import Settings
 from ssm_pipeline.shape_model.settings import GroupwiseSettings, ShapeModelSettings
 from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.study.sources import DataSettings, PhantomData
-from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 
 
 class ComparisonSettings(Settings):
@@ -88,6 +88,17 @@ class StudySettings(Settings):
                 f"spectral.eigenpairs is {self.spectral.eigenpairs}; surfaces of {faces} triangles "
                 f"(the smaller of meshing.faces and training.faces) carry {most}. Ask for fewer "
                 "eigenpairs, or for more faces"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _built_in_weights_read_their_eigenpairs(self) -> StudySettings:
+        starts = self.matching == "network" and self.training.start == "built-in"
+        if starts and self.spectral.eigenpairs != BUILT_IN_EIGENPAIRS:
+            raise ValueError(
+                f"training.start is built-in, weights that read {BUILT_IN_EIGENPAIRS} eigenpairs; "
+                f"spectral.eigenpairs is {self.spectral.eigenpairs}. Set it to "
+                f"{BUILT_IN_EIGENPAIRS}, or training.start to none"
             )
         return self
 

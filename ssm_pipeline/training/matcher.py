@@ -13,7 +13,7 @@ from ssm_pipeline.matching.hard_map import nearest_features, projected
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.matching.soft_map import soft_maps
-from ssm_pipeline.records import DamagedFile, SpectralBasis
+from ssm_pipeline.records import DamagedFile, SpectralBasis, StudyError
 from ssm_pipeline.storage import written_whole
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
@@ -21,18 +21,30 @@ from ssm_pipeline.training.settings import TrainingSettings
 
 @dataclass(frozen=True)
 class Matcher:
-    """The trained networks; `trained_on` names the cases they have seen."""
+    """The trained networks.
+
+    trained_on  the cases they have seen. eigenpairs: of the shapes trained on, which the network's
+    inputs rest on; 0 where that is not known.
+    """
 
     networks: Networks
     settings: TrainingSettings
     seed: int
     trained_on: tuple[str, ...]
+    eigenpairs: int = 0
 
     @property
     def device(self) -> torch.device:
         return next(self.networks.parameters()).device
 
     def shape(self, basis: SpectralBasis) -> Shape:
+        """Raises StudyError for a basis of more or fewer eigenpairs than were trained with."""
+        found = len(basis.eigenvalues)
+        if self.eigenpairs not in (0, found):
+            raise StudyError(
+                f"{basis.case_id} has {found} eigenpairs; the matcher was trained with "
+                f"{self.eigenpairs}. Set spectral.eigenpairs={self.eigenpairs}."
+            )
         return to_shape(basis, self.settings.matching, self.device)
 
     @torch.no_grad()
@@ -75,10 +87,18 @@ class Matcher:
         )
 
 
-def save_matcher(matcher: Matcher, path: Path) -> None:
+def save_matcher(matcher: Matcher, path: Path, half: bool = False) -> None:
+    """half: the weights in half precision, for a file half as large."""
+    networks = matcher.networks.state()
+    if half:
+        networks = {
+            name: {key: value.half() for key, value in state.items()}
+            for name, state in networks.items()
+        }
     content = {
         "format_version": 2,
-        "networks": matcher.networks.state(),
+        "networks": networks,
+        "eigenpairs": matcher.eigenpairs,
         "settings": matcher.settings.model_dump_json(),
         "seed": matcher.seed,
         "trained_on": list(matcher.trained_on),
@@ -92,12 +112,13 @@ def load_matcher(path: Path, device: str = "cpu") -> Matcher:
     try:
         settings = TrainingSettings.model_validate_json(content["settings"])
         seed, trained_on = int(content["seed"]), tuple(content["trained_on"])
+        eigenpairs = int(content.get("eigenpairs", 0))
         networks = Networks.new(settings, seed, device)
         networks.load(content["networks"])
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         what = f"holds no matcher of this version ({str(error).splitlines()[0]})"
         raise DamagedFile(path, what) from error
-    return Matcher(networks.eval(), settings, seed, trained_on)
+    return Matcher(networks.eval(), settings, seed, trained_on, eigenpairs)
 
 
 def save_tensors(content: dict[str, Any], path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -10,9 +11,15 @@ from ssm_pipeline.interpolation.settings import InterpolationSettings, SpatialLo
 from ssm_pipeline.matching.settings import MatchingSettings, SpectralLossWeights
 from ssm_pipeline.settings import Settings
 
+WEIGHTS = Path(__file__).parent / "weights"
+BUILT_IN_EIGENPAIRS = 120  # that the built-in weights were trained with
+
 
 class TrainingSettings(Settings):
-    steps: int = Field(1500, ge=1)  # optimiser steps, one pair each
+    # built-in: weights trained on synthetic shapes, a file for each kind of network input. none:
+    # fresh weights. Or the path of a matcher.pt.
+    start: str = "none"
+    steps: int = Field(1500, ge=0)  # optimiser steps, one pair each; 0: the weights as they start
     faces: int = Field(2000, ge=200)  # triangles of the coarser meshes trained on
     learning_rate: float = Field(1e-3, gt=0)  # Adam, at the start
     final_learning_rate: float = Field(1e-4, gt=0)  # reached by a cosine
@@ -21,7 +28,9 @@ class TrainingSettings(Settings):
     time_steps: tuple[Annotated[int, Field(ge=1)], ...] = (1, 3, 5, 7)  # T, growing
     time_step_shares: tuple[float, ...] = (0.7, 0.1, 0.1, 0.1)  # of the steps, for each T
     # Each shape's coordinates, where they are network input, are turned by a random rotation of up
-    # to so many degrees and shifted by a normal draw, at every step.
+    # to so many degrees and shifted by a normal draw, at every step; before that, where wanted,
+    # both shapes of a pair by one rotation of any angle, so that no direction of the scanner tells.
+    turn_together: bool = False
     turn_deg: float = Field(0.0, ge=0, le=180)
     jitter: float = Field(0.0, ge=0)  # of √area, standard deviation along each axis
     watch_every: int = Field(25, ge=1)  # steps between looks at the soft map, for the losses' table
@@ -42,6 +51,24 @@ class TrainingSettings(Settings):
         if abs(sum(self.time_step_shares) - 1) > 1e-6:
             raise ValueError(f"time_step_shares add up to {sum(self.time_step_shares)}, not 1")
         return self
+
+    @model_validator(mode="after")
+    def _no_steps_from_nothing(self) -> TrainingSettings:
+        if self.steps == 0 and self.start == "none":
+            raise ValueError(
+                "training.steps is 0 and training.start none: the networks would be random. Ask "
+                "for steps, or for training.start=built-in"
+            )
+        return self
+
+    @property
+    def start_file(self) -> Path | None:
+        """Where the weights lie that training begins with; None: they are fresh."""
+        if self.start == "none":
+            return None
+        if self.start == "built-in":
+            return WEIGHTS / f"{self.matching.features.replace('+', '_')}.pt"
+        return Path(self.start).expanduser()
 
     def spectral_only(self) -> TrainingSettings:
         """The same without the spatial loss: features trained for matching alone."""

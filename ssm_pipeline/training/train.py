@@ -19,6 +19,7 @@ from ssm_pipeline.training.loss import pair_loss
 from ssm_pipeline.training.matcher import Matcher
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.start import starting_weights
 
 
 def train(
@@ -27,19 +28,26 @@ def train(
     seed: int,
     device: str = "cpu",
     start: Checkpoint | None = None,
+    families: Sequence[str] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
     on_step: Callable[[int, dict[str, float]], None] = lambda step, losses: None,
 ) -> Matcher:
     """Train on all unordered pairs, one a step, in an order that the seed and step decide.
 
-    Continues from `start`, to the same bits as a run that was never stopped. `on_step` is given
-    the losses; every `watch_every` steps also map_extent, map_sharpness, mean_cosine and share_hit
-    (`MapHealth`). Raises StudyError for fewer than two shapes or where the loss is not finite.
+    start     continues from it, to the same bits as a run that was never stopped.
+    families  of each shape: pairs are of one family. None: all are of one.
+    on_step   is given the losses; every `watch_every` steps also map_extent, map_sharpness,
+              mean_cosine and share_hit (`MapHealth`).
+    Raises StudyError for fewer than two shapes of a family, where the loss is not finite, or where
+    the weights that `settings.start` names don't fit.
     """
-    if len(bases) < 2:
+    pairs = pairs_within(families or [""] * len(bases))
+    if not pairs:
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
     networks = Networks.new(settings, seed, device)
+    if (weights := starting_weights(settings, bases, device)) is not None:
+        networks.load(weights.networks.state())
     optimiser = torch.optim.Adam(networks.parameters(), lr=settings.learning_rate)
     history: list[dict[str, float]] = []
     if start is not None:
@@ -48,14 +56,14 @@ def train(
         history = list(start.history)
 
     for step in range(len(history), settings.steps):
-        x, y = pair_at(step, len(shapes), seed)
+        x, y = pair_at(step, pairs, seed)
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(step, settings)
         optimiser.zero_grad(set_to_none=True)
         with torch.random.fork_rng(devices=[] if device == "cpu" else [device]):
             # Dropout's draws, and the turns: of the seed and the step, so a resumed run has them.
             torch.manual_seed(hash_of(seed, step))
-            shape_x, shape_y = (turned_input(shapes[index], settings) for index in (x, y))
+            shape_x, shape_y = turned_inputs(shapes[x], shapes[y], settings)
             intervals = settings.intervals_at(step)
             total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
         total.backward()
@@ -72,25 +80,34 @@ def train(
         history.append(losses)
         on_step(step + 1, losses)
         if (step + 1) % settings.checkpoint_every == 0:
-            on_checkpoint(
-                Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history)
-            )
-    return Matcher(networks.eval(), settings, seed, tuple(basis.case_id for basis in bases))
+            on_checkpoint(Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history))
+    seen = tuple(basis.case_id for basis in bases)
+    return Matcher(networks.eval(), settings, seed, seen, len(bases[0].eigenvalues))
 
 
-def turned_input(shape: Shape, settings: TrainingSettings) -> Shape:
-    """The shape with its input coordinates turned and shifted at random; operators as they are."""
-    has_coordinates = settings.matching.features == "xyz+wks"
-    if not has_coordinates or (settings.turn_deg == 0 and settings.jitter == 0):
-        return shape
-    axis = torch.nn.functional.normalize(torch.randn(3), dim=0)
-    angle = math.radians(settings.turn_deg) * torch.rand(1)
-    cross = torch.zeros(3, 3)
-    cross[[2, 0, 1], [1, 2, 0]], cross[[1, 2, 0], [2, 0, 1]] = axis, -axis
-    rotation = torch.linalg.matrix_exp(angle * cross).to(shape.inputs)
+def turned_inputs(x: Shape, y: Shape, settings: TrainingSettings) -> tuple[Shape, Shape]:
+    """Both shapes with their input coordinates turned and shifted at random; operators stay."""
+    still = settings.turn_deg == 0 and settings.jitter == 0 and not settings.turn_together
+    if settings.matching.features != "xyz+wks" or still:
+        return x, y
+    together = _random_turn(180.0) if settings.turn_together else torch.eye(3)
+    return _turned(x, together, settings), _turned(y, together, settings)
+
+
+def _turned(shape: Shape, together: torch.Tensor, settings: TrainingSettings) -> Shape:
+    rotation = (_random_turn(settings.turn_deg) @ together).to(shape.inputs)
     shift = (COORDINATE_SCALE * settings.jitter * torch.randn(3)).to(shape.inputs)
     inputs = torch.cat([shape.inputs[:, :3] @ rotation.T + shift, shape.inputs[:, 3:]], dim=1)
     return dataclasses.replace(shape, inputs=inputs)
+
+
+def _random_turn(largest_deg: float) -> torch.Tensor:
+    """(3, 3): about an axis of any direction, by an angle drawn evenly up to the largest."""
+    axis = torch.nn.functional.normalize(torch.randn(3), dim=0)
+    angle = math.radians(largest_deg) * torch.rand(1)
+    cross = torch.zeros(3, 3)
+    cross[[2, 0, 1], [1, 2, 0]], cross[[1, 2, 0], [2, 0, 1]] = axis, -axis
+    return torch.linalg.matrix_exp(angle * cross)
 
 
 def hash_of(seed: int, step: int) -> int:
@@ -123,12 +140,21 @@ def _watched(pair: MatchedPair) -> dict[str, float]:
     }
 
 
-def pair_at(step: int, count: int, seed: int) -> tuple[int, int]:
-    """The pair of a step: every unordered pair once an epoch, each epoch in a new order.
+def pairs_within(families: Sequence[str]) -> list[tuple[int, int]]:
+    """All unordered pairs of shapes of one family.
+
+    >>> pairs_within(["lung", "lung", "tube"])
+    [(0, 1)]
+    """
+    count = range(len(families))
+    return [(x, y) for x, y in itertools.combinations(count, 2) if families[x] == families[y]]
+
+
+def pair_at(step: int, pairs: Sequence[tuple[int, int]], seed: int) -> tuple[int, int]:
+    """The pair of a step: every one once an epoch, each epoch in a new order.
 
     The loss is symmetric, so the other order of a pair would teach the same again.
     """
-    pairs = list(itertools.combinations(range(count), 2))
     epoch, position = divmod(step, len(pairs))
     return pairs[np.random.default_rng([seed, epoch]).permutation(len(pairs))[position]]
 

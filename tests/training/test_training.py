@@ -19,8 +19,9 @@ from ssm_pipeline.training.train import (
     clip_gradients,
     learning_rate_at,
     pair_at,
+    pairs_within,
     train,
-    turned_input,
+    turned_inputs,
 )
 
 SETTINGS = TrainingSettings(
@@ -87,9 +88,17 @@ def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path):
 
 
 def test_an_epoch_shows_every_pair_once():
-    seen = {pair_at(step, 5, seed=1) for step in range(10)}
+    pairs = pairs_within(5 * ["organ"])
+    seen = {pair_at(step, pairs, seed=1) for step in range(10)}
     assert len(seen) == 10
-    assert [pair_at(s, 5, 1) for s in range(10)] != [pair_at(s, 5, 1) for s in range(10, 20)]
+    first, second = ([pair_at(s, pairs, 1) for s in steps] for steps in (range(10), range(10, 20)))
+    assert first != second
+
+
+def test_pairs_are_of_one_family(bases):
+    assert pairs_within(["a", "b", "a", "b"]) == [(0, 2), (1, 3)]
+    with pytest.raises(StudyError, match="at least 2 shapes"):
+        train(bases, SETTINGS, seed=0, families=["a", "b", "c"])
 
 
 def test_schedules():
@@ -178,12 +187,21 @@ def test_turned_coordinates_are_a_rotation_and_leave_the_rest():
         }
     )
     shape = to_shape(basis_of(blob(1)), settings.matching)
-    turned = turned_input(shape, settings)
+    turned, _ = turned_inputs(shape, shape, settings)
     assert torch.equal(shape.inputs[:, 3:], turned.inputs[:, 3:])
     assert torch.equal(shape.vertices, turned.vertices)
     before, after = shape.inputs[:, :3], turned.inputs[:, :3]
     torch.testing.assert_close(before @ before.T, after @ after.T, rtol=1e-4, atol=1e-5)
     assert (before - after).abs().max() > 1e-3
+
+
+def test_both_shapes_can_be_turned_together():
+    matching = SETTINGS.matching.model_copy(update={"features": "xyz+wks"})
+    settings = SETTINGS.model_copy(update={"turn_together": True, "matching": matching})
+    x = to_shape(basis_of(blob(1)), matching)
+    one, other = turned_inputs(x, x, settings)
+    assert torch.equal(one.inputs, other.inputs)
+    assert (one.inputs - x.inputs).abs().max() > 1e-3
 
 
 def test_the_map_is_watched_now_and_then(bases):
