@@ -96,6 +96,7 @@ def _row(
         [PointTarget.of(sample) for sample in samples],
         settings.screening_points,
         settings.screening_errors,
+        settings.asked_points,
     )
     surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
     shapes = model.reconstruct(scores[: settings.surface_samples])
@@ -118,22 +119,25 @@ def nearest_chamfer(
     targets: Sequence[PointTarget],
     screening_points: int,
     screening_errors: float,
+    asked_points: int | None = None,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Chamfer distance of each draw to the nearest target, and the targets that were in question.
 
     draws (n, P, 3) float32, points and targets in spatial order. Every distance is first
     estimated from a quarter of `screening_points`, then from all of them, both ways; a target is
     out where its estimate, less `screening_errors` of its standard errors, is above the best
-    estimate plus as many of that one's. What is left is compared in full, nearest first, with the
-    same bound. Points in spatial order make a subset even, and its true error about 0.3 of the
-    standard error (which is as of free draws), so that 2 of them are nearly 7 of the true: the
-    nearest target is missed practically never (tests, benchmarks/bench_evaluation.py).
+    estimate plus as many of that one's. What is left is compared by `asked_points` of the points
+    (None: all) against all of the other shape's, nearest first, with the same bound. Points in
+    spatial order make a subset even, and its true error about 0.3 of the standard error (which is
+    as of free draws), so that 2 of them are nearly 7 of the true: the nearest target is missed
+    practically never (tests, benchmarks/bench_evaluation.py).
 
     Returns (n,) distances and, per draw, the indices of the targets left by `screening_points`,
     nearest first.
     """
     size = draws.shape[1]
     screens = [_even_subset(size, screening_points // 4), _even_subset(size, screening_points)]
+    asked = _even_subset(size, asked_points or size)
     nearest, left = np.empty(len(draws)), []
     for index, points in enumerate(draws):
         draw, kept = PointTarget.of(points), np.arange(len(targets))
@@ -148,7 +152,7 @@ def nearest_chamfer(
         distance = np.inf
         for target, lowest in zip(kept[order], bound[order], strict=True):
             if lowest <= distance:
-                distance = min(distance, chamfer(draw, targets[target]))
+                distance = min(distance, float(estimates(draw, [targets[target]], asked)[0][0]))
         nearest[index] = distance
     return nearest, left
 
