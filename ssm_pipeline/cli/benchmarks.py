@@ -196,3 +196,23 @@ def matching(
     summary = run_matching(shapes, folder, settings, checkpoint, chosen_device(device), terminal)
     terminal.say(summary.round(3).to_string(index=False))
     terminal.say(f"tables and curves: {folder}")
+
+
+@app.command()
+def pretrain(
+    to: Annotated[Path, typer.Option("--to", help="The file to write.")] = Path("matcher.pt"),
+    features: Annotated[
+        str, typer.Option(help="xyz+wks for organs that lie alike, or wks.")
+    ] = "xyz+wks",
+    steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 4500,
+    device: Device = None,
+) -> None:
+    """Weights to start training from, of synthetic shapes alone: the built-in ones, made again."""
+    from ssm_pipeline.commands.pretrain import pretrain as train_on_synthetic_shapes
+    from ssm_pipeline.engine.process import chosen_device
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.records import StudyError
+
+    if features not in ("wks", "xyz+wks"):
+        raise StudyError(f"--features {features}: xyz+wks or wks is needed.")
+    train_on_synthetic_shapes(features, steps, to, chosen_device(device), Terminal())

@@ -1,0 +1,124 @@
+import pytest
+import torch
+from shapes import basis_of, blob
+
+from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.records import StudyError
+from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
+from ssm_pipeline.training.matcher import load_matcher, save_matcher
+from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
+from ssm_pipeline.training.start import refuse_other_networks, starting_weights
+from ssm_pipeline.training.train import train
+
+SMALL = TrainingSettings(
+    steps=3,
+    matching=MatchingSettings(descriptors=16, channels=8, width=16, blocks=2),
+)
+
+
+@pytest.fixture(scope="module")
+def bases():
+    return [basis_of(blob(index)) for index in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def trained(bases, tmp_path_factory):
+    matcher = train(bases, SMALL, seed=4)
+    path = tmp_path_factory.mktemp("start") / "matcher.pt"
+    save_matcher(matcher, path)
+    return matcher, path
+
+
+def test_no_steps_leave_the_weights_as_they_start(bases, trained):
+    matcher, path = trained
+    same = train(bases, SMALL.model_copy(update={"start": str(path), "steps": 0}), seed=9)
+    shape = matcher.shape(bases[0])
+    assert torch.equal(matcher.features(shape), same.features(shape))
+
+
+def test_steps_from_given_weights_begin_where_those_ended(bases, trained):
+    _, path = trained
+    fresh, started = [], []
+    go_on = SMALL.model_copy(update={"start": str(path)})
+    train(bases, SMALL, seed=4, on_step=lambda step, losses: fresh.append(losses["total"]))
+    train(bases, go_on, seed=4, on_step=lambda step, losses: started.append(losses["total"]))
+    assert started[0] != fresh[0]
+    weights = [train(bases, settings, seed=4) for settings in (SMALL, go_on)]
+    assert not torch.equal(*(next(matcher.networks.parameters()) for matcher in weights))
+
+
+def test_half_precision_is_half_as_large_and_nearly_the_same(bases, trained, tmp_path):
+    matcher, path = trained
+    save_matcher(matcher, tmp_path / "half.pt", half=True)
+    assert (tmp_path / "half.pt").stat().st_size < 0.8 * path.stat().st_size
+    shape = matcher.shape(bases[0])
+    torch.testing.assert_close(
+        load_matcher(tmp_path / "half.pt").features(shape),
+        matcher.features(shape),
+        rtol=2e-2,
+        atol=2e-2,
+    )
+
+
+@pytest.mark.parametrize("features", ["wks", "xyz+wks"])
+def test_the_built_in_weights_fit_the_default_networks(features):
+    settings = TrainingSettings(start="built-in", matching=MatchingSettings(features=features))
+    refuse_other_networks(settings)
+    assert load_matcher(settings.start_file).eigenpairs == BUILT_IN_EIGENPAIRS
+
+
+def test_the_built_in_weights_match_shapes_never_seen():
+    """Without a step on them: the map is sharp, and carries a shape to itself."""
+    from ssm_pipeline.spectral.basis import spectral_basis
+    from ssm_pipeline.spectral.settings import SpectralSettings
+    from ssm_pipeline.training.template import choose_template
+
+    spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
+    bases = [spectral_basis(blob(seed, faces=1000), spectral) for seed in (1, 2)]
+    matcher = train(bases, TrainingSettings(start="built-in", steps=0), seed=0)
+    _, table = choose_template(matcher, bases)
+    assert (table["map_extent"] > 0.9).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"start": "no/such/matcher.pt"}, "is no file. Give a matcher.pt"),
+        ({"start": "built-in"}, "have matching.descriptors=128, not 16"),
+    ],
+)
+def test_what_cannot_be_started_from_is_said(change, said):
+    with pytest.raises(StudyError, match=said):
+        refuse_other_networks(SMALL.model_copy(update=change))
+
+
+def test_a_file_that_is_no_matcher_is_refused(tmp_path):
+    path = tmp_path / "matcher.pt"
+    path.write_bytes(b"no matcher")
+    with pytest.raises(StudyError, match=r"damaged.*Give a matcher\.pt of a run"):
+        refuse_other_networks(SMALL.model_copy(update={"start": str(path)}))
+
+
+def test_weights_of_other_eigenpairs_are_refused(bases, trained):
+    _, path = trained
+    more = [basis_of(blob(index), eigenpairs=30) for index in (1, 2)]
+    with pytest.raises(StudyError, match="these shapes have 30, which changes every network input"):
+        starting_weights(SMALL.model_copy(update={"start": str(path)}), more)
+    with pytest.raises(StudyError, match=r"Set spectral\.eigenpairs="):
+        load_matcher(path).shape(more[0])
+
+
+def test_no_steps_from_nothing_are_refused():
+    with pytest.raises(ValueError, match=r"steps is 0 and training\.start none"):
+        TrainingSettings(steps=0)
+
+
+def test_a_study_hears_it_before_the_hours():
+    from ssm_pipeline.records import Cohort
+    from ssm_pipeline.study.study import read_study
+
+    with pytest.raises(StudyError, match=r"spectral\.eigenpairs is 100"):
+        read_study("phantoms", None, ["training.start=built-in", "spectral.eigenpairs=100"])
+    study = read_study("phantoms", None, ["training.start=nowhere.pt"])
+    with pytest.raises(StudyError, match=r"nowhere\.pt is no file"):
+        refuse_what_cannot_fit(study.settings, Cohort("phantoms", ()))
