@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -201,9 +201,10 @@ def matching(
 @app.command()
 def pretrain(
     to: Annotated[Path, typer.Option("--to", help="The file to write.")] = Path("matcher.pt"),
-    features: Annotated[
-        str, typer.Option(help="xyz+wks for organs that lie alike, or wks.")
-    ] = "xyz+wks",
+    coordinates: Annotated[
+        bool,
+        typer.Option(help="The network reads them beside the wave kernel signature."),
+    ] = True,
     steps: Annotated[int, typer.Option(min=1, help="Training steps.")] = 4500,
     device: Device = None,
 ) -> None:
@@ -211,8 +212,6 @@ def pretrain(
     from ssm_pipeline.commands.pretrain import pretrain as train_on_synthetic_shapes
     from ssm_pipeline.engine.process import chosen_device
     from ssm_pipeline.engine.terminal import Terminal
-    from ssm_pipeline.records import StudyError
 
-    if features not in ("wks", "xyz+wks"):
-        raise StudyError(f"--features {features}: xyz+wks or wks is needed.")
+    features: Literal["wks", "xyz+wks"] = "xyz+wks" if coordinates else "wks"
     train_on_synthetic_shapes(features, steps, to, chosen_device(device), Terminal())
