@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 PairMethod = Literal[
     "full",
+    "network start",
     "without adaptation",
     "pose",
     "projected features",
@@ -25,6 +26,7 @@ Registration = Literal["affine nearest", "nricp", "cpd"]
 Method = Literal[
     "full",
     "without groupwise",
+    "network start",
     "without adaptation",
     "pose",
     "projected features",

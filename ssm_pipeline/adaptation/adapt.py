@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
 from ssm_pipeline.adaptation.objective import AdaptationObjective, MapPull
 from ssm_pipeline.adaptation.settings import AdaptationSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """offsets Δ (V, 3); chamfer: the squared distance left between X + Δ and Y, both directed
+    means added, at unit area."""
+
+    offsets: np.ndarray
+    chamfer: float
 
 
 def adapt(
@@ -19,8 +30,8 @@ def adapt(
     settings: AdaptationSettings,
     seed: int,
     pull: MapPull | None = None,
-) -> np.ndarray:
-    """Offsets Δ (V, 3) that bring the surface X onto Y and stay smooth, all at unit area.
+) -> Adapted:
+    """Offsets Δ that bring the surface X onto Y and stay smooth, all at unit area.
 
     laplacian  the template's. seed: of the samples on both surfaces.
     pull       where a map says the vertices go, if it is to be heard.
@@ -39,4 +50,4 @@ def adapt(
         pull,
     )
     offsets, _ = gauss_newton(objective, settings.steps, settings.tangential)
-    return offsets
+    return Adapted(offsets, objective.nearest(objective.moved_samples(offsets)).chamfer)

@@ -10,7 +10,11 @@ from ssm_pipeline.records import Correspondence, Mesh, SpectralBasis
 
 
 def carried_onto(
-    case: Mesh | SpectralBasis, template_id: str, laid: np.ndarray, fitted: np.ndarray
+    case: Mesh | SpectralBasis,
+    template_id: str,
+    laid: np.ndarray,
+    fitted: np.ndarray,
+    start: str = "rigid",
 ) -> Correspondence:
     """Every point's nearest place on the case's triangles, and the case's nearest vertex.
 
@@ -25,4 +29,5 @@ def carried_onto(
         barycentric=on_case.barycentric,
         nearest_vertex=nearest_vertex.astype(np.int64),
         fitted=fitted,
+        start=start,
     )

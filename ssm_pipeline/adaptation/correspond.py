@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ssm_pipeline.adaptation.adapt import adapt
+from ssm_pipeline.adaptation.adapt import Adapted, adapt
 from ssm_pipeline.adaptation.carried_onto import carried_onto
+from ssm_pipeline.adaptation.distortion import distortion
 from ssm_pipeline.adaptation.objective import MapPull
 from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from ssm_pipeline.adaptation.pose import CoarsePair
     from ssm_pipeline.training.matcher import Matcher
 
+Start = Literal["network", "rigid"]
+NETWORK: Start = "network"
+RIGID: Start = "rigid"
+MEAN = "mean"  # of a groupwise round
 # Methods that are a map of the features and no more; None: as the settings say.
 MAP_OF: dict[str, InferenceMap | None] = {
     "without adaptation": None,
@@ -39,7 +44,9 @@ def correspond(
 ) -> Correspondence:
     """Match a template to a case.
 
-    full                the network's pose X(1), adapted to the case (Eq. 15–16)
+    full                adapted to the case (Eq. 15–16) from the network's pose X(1) and from
+                        rigid alignment; the less distorted is kept (`settings.starts`)
+    network start       from the network's pose alone: the paper's method
     without adaptation  the map of the features, by `matching.inference_map`: the paper's row
     spectral only       the same, of features trained on the spectral loss alone
     pose                the network's pose X(1)
@@ -51,22 +58,81 @@ def correspond(
     triangles; both that point and the nearest vertex are kept.
     coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
     """
-    if method in WITHOUT_NETWORK:
-        posed, pull = rigidly_aligned(template, case, seed), None
+    if method not in WITHOUT_NETWORK and matcher is None:
+        raise ValueError(f"the method {method!r} needs a trained matcher")
+    if method in MAP_OF:
+        posed, start = _mapped(template, case, matcher, MAP_OF[method]), NETWORK
+    elif method == "pose":
+        posed, start = _network_pose(template, case, matcher, coarse), NETWORK
+    elif method == "nearest point":
+        posed, start = rigidly_aligned(template, case, seed), RIGID
     else:
-        if matcher is None:
-            raise ValueError(f"the method {method!r} needs a trained matcher")
-        # Here, so that what uses no network needs no PyTorch.
-        from ssm_pipeline.adaptation.pose import carried_case, map_pull, pose_path
+        posed, start = _least_distorted(template, case, matcher, settings, method, coarse, seed)
+    return _carried_onto(case, template, posed, start)
 
-        if method in MAP_OF:
-            posed = carried_case(template, case, matcher, MAP_OF[method])
-        else:
-            posed = pose_path(template, case, matcher, np.ones(1), coarse)[0]
-        pull = map_pull(template, case, matcher, settings) if method == "full" else None
-    if method in ("full", "adaptation only"):
-        posed = _adapted(posed, template, case, settings, seed, pull)
-    return _carried_onto(case, template, posed)
+
+def _least_distorted(
+    template: SpectralBasis,
+    case: SpectralBasis,
+    matcher: Matcher | None,
+    settings: AdaptationSettings,
+    method: PairMethod,
+    coarse: CoarsePair | None,
+    seed: int,
+) -> tuple[np.ndarray, Start]:
+    """Adapted from each start that the method has, and the start that ended best: where the
+    surfaces' distance and the template's distortion, weighed as in adaptation, are least."""
+    starts: dict[Start, tuple[np.ndarray, MapPull | None]] = {}
+    if method != "adaptation only":
+        pose = _network_pose(template, case, matcher, coarse)
+        starts[NETWORK] = pose, _map_pull(template, case, matcher, settings)
+    if method == "adaptation only" or (method == "full" and settings.starts == "both"):
+        starts[RIGID] = rigidly_aligned(template, case, seed), None
+    ended: dict[Start, np.ndarray] = {}
+    cost: dict[Start, float] = {}
+    for start, (pose, pull) in starts.items():
+        adapted = _adapted(pose, template, case, settings, seed, pull)
+        ended[start] = pose + adapted.offsets
+        bent = distortion(template.vertices, ended[start], template.stiffness)
+        cost[start] = adapted.chamfer + settings.stiffness * bent
+    best = min(cost, key=lambda start: cost[start])
+    return ended[best], best
+
+
+def _network_pose(
+    template: SpectralBasis,
+    case: SpectralBasis,
+    matcher: Matcher | None,
+    coarse: CoarsePair | None,
+) -> np.ndarray:
+    from ssm_pipeline.adaptation.pose import pose_path  # here: PyTorch is needed for it alone
+
+    assert matcher is not None
+    return pose_path(template, case, matcher, np.ones(1), coarse)[0]
+
+
+def _mapped(
+    template: SpectralBasis,
+    case: SpectralBasis,
+    matcher: Matcher | None,
+    kind: InferenceMap | None,
+) -> np.ndarray:
+    from ssm_pipeline.adaptation.pose import carried_case
+
+    assert matcher is not None
+    return carried_case(template, case, matcher, kind)
+
+
+def _map_pull(
+    template: SpectralBasis,
+    case: SpectralBasis,
+    matcher: Matcher | None,
+    settings: AdaptationSettings,
+) -> MapPull | None:
+    from ssm_pipeline.adaptation.pose import map_pull
+
+    assert matcher is not None
+    return map_pull(template, case, matcher, settings)
 
 
 def correspond_again(
@@ -81,7 +147,8 @@ def correspond_again(
     start  (V, 3) mm, in the case's own space: a cohort's mean shape, say.
     """
     posed = case.frame.inverse().apply(start)
-    return _carried_onto(case, template, _adapted(posed, template, case, settings, seed))
+    offsets = _adapted(posed, template, case, settings, seed).offsets
+    return _carried_onto(case, template, posed + offsets, MEAN)
 
 
 def _adapted(
@@ -91,13 +158,13 @@ def _adapted(
     settings: AdaptationSettings,
     seed: int,
     pull: MapPull | None = None,
-) -> np.ndarray:
-    return posed + adapt(
+) -> Adapted:
+    return adapt(
         posed, template.faces, template.stiffness, case.vertices, case.faces, settings, seed, pull
     )
 
 
 def _carried_onto(
-    case: SpectralBasis, template: SpectralBasis, posed: np.ndarray
+    case: SpectralBasis, template: SpectralBasis, posed: np.ndarray, start: str
 ) -> Correspondence:
-    return carried_onto(case, template.case_id, posed, case.frame.apply(posed))
+    return carried_onto(case, template.case_id, posed, case.frame.apply(posed), start)

@@ -79,7 +79,8 @@ class Correspondence:
 
     case_faces (V_t,) int; barycentric (V_t, 3); nearest_vertex (V_t,) int: the case's vertex
     nearest to the adapted template vertex. `fitted` (V_t, 3) mm: the adapted template X(1, 1)
-    in the case's own space, before it is carried onto the surface.
+    in the case's own space, before it is carried onto the surface. `start`: where the
+    adaptation began: rigid, network or mean.
     """
 
     template_id: str
@@ -88,6 +89,7 @@ class Correspondence:
     barycentric: np.ndarray
     nearest_vertex: np.ndarray
     fitted: np.ndarray
+    start: str = "rigid"
 
     def points_on(self, case: Mesh) -> np.ndarray:
         """(V_t, 3) mm: the matched points on the case's surface."""

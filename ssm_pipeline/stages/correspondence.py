@@ -49,7 +49,11 @@ def match_cases(context: Context) -> Outcome:
         ]
     )
     storage.write_json(context.folder() / "template.json", {"template_id": template_id})
-    return context.outcome(results, note=f"template {template_id}")
+    note = f"template {template_id}"
+    if matcher is not None:
+        walked = sum(result.row.get("start") == "network" for result in results)
+        note += f"; {walked} of {len(results)} from the network's pose, the others from rigid"
+    return context.outcome(results, note=note)
 
 
 def correspond_case(
@@ -80,9 +84,10 @@ def correspond_case(
     match: Correspondence = correspond(template, case, matcher, settings, method, coarse, seed)
     storage.save(match, folder / "correspondence.npz")
     if with_path:
-        path = shape_path(template, case, matcher, settings, coarse, seed)
+        walks = matcher if match.start == "network" else None  # to where the match was found
+        path = shape_path(template, case, walks, settings, coarse, seed)
         storage.save(path, folder / "path.npz")
-    return {"case_id": case.case_id, "template_id": template.case_id}
+    return {"case_id": case.case_id, "template_id": template.case_id, "start": match.start}
 
 
 def matched_once(

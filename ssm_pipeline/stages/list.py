@@ -48,7 +48,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
             "seed": s.seed,
         },
         needs=("spectral", "training"),
-        version=3,
+        version=4,
     ),
     Stage(
         "groupwise",

@@ -1,0 +1,74 @@
+"""Adaptation from two starts: the less distorted result is kept."""
+
+import numpy as np
+import pytest
+from shapes import basis_of, blob
+
+from ssm_pipeline.adaptation.correspond import correspond
+from ssm_pipeline.adaptation.distortion import distortion
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.matching.settings import MatchingSettings
+from ssm_pipeline.records import Mesh
+from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.train import train
+
+SETTINGS = AdaptationSettings(samples=3000, steps=4)
+
+
+@pytest.fixture(scope="module")
+def bases():
+    return [basis_of(blob(index)) for index in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def untrained(bases):
+    small = MatchingSettings(descriptors=16, channels=8, width=16, blocks=2)
+    return train(bases, TrainingSettings(steps=1, matching=small), seed=0)
+
+
+def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(bases):
+    basis = bases[0]
+    L, x = basis.stiffness, basis.vertices
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    assert distortion(x, x @ turn.T + 3.0, L) == pytest.approx(0.0, abs=1e-12)
+    larger = 1e-3 * x  # no one-ring turns
+    assert distortion(x, x + larger, L) == pytest.approx(dirichlet(larger, L))
+    uneven = 1e-3 * x * [1.0, 0.0, 0.0]
+    assert 0 < distortion(x, x + uneven, L) < dirichlet(uneven, L)
+
+
+def dirichlet(offset, L):
+    return float((offset * (L @ offset)).sum())
+
+
+def test_an_untrained_network_loses_against_the_rigid_start(bases, untrained):
+    full, rigid, network = (
+        correspond(bases[0], bases[1], untrained, SETTINGS, method)
+        for method in ("full", "adaptation only", "network start")
+    )
+    assert (full.start, rigid.start, network.start) == ("rigid", "rigid", "network")
+    np.testing.assert_array_equal(full.fitted, rigid.fitted)
+    assert not np.allclose(full.fitted, network.fitted)
+
+
+def test_the_network_wins_where_the_rigid_start_cannot_reach(bases, untrained, monkeypatch):
+    """A case turned over: aligned rigidly it stays the wrong way round, the network's pose not."""
+    from ssm_pipeline.adaptation import correspond as module
+
+    template = bases[0]
+    upside_down = Mesh(template.vertices * [-1, -1, 1], template.faces, "turned")
+    case = basis_of(upside_down)
+    monkeypatch.setattr(module, "rigidly_aligned", lambda template, case, seed: template.vertices)
+    monkeypatch.setattr(module, "_network_pose", lambda *_: case.vertices)
+    match = correspond(template, case, untrained, SETTINGS)
+    assert match.start == "network"
+    assert (match.nearest_vertex == np.arange(len(case.vertices))).mean() > 0.95
+
+
+def test_the_papers_start_alone_is_a_setting(bases, untrained):
+    paper = SETTINGS.model_copy(update={"starts": "network"})
+    full = correspond(bases[0], bases[1], untrained, paper)
+    network = correspond(bases[0], bases[1], untrained, SETTINGS, "network start")
+    np.testing.assert_array_equal(full.fitted, network.fitted)
+    assert full.start == "network"
