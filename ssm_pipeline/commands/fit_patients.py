@@ -163,7 +163,8 @@ def _matched(run: Run, settings: StudySettings, surface: Mesh, terminal: Termina
             (*run.shapes.case_ids, surface.case_id),
             run.shapes.template_id,
         )
-        start = placed_means(with_patient, run.shapes.case_ids)[surface.case_id]
+        laid_on = settings.groupwise.laid_on
+        start = placed_means(with_patient, run.shapes.case_ids, laid_on)[surface.case_id]
         again = correspond_again(start, template, case, settings.adaptation)
         points = again.points_on(surface)
     return points

@@ -135,7 +135,7 @@ def match_cohort(
     ((3, 642, 3), 'case_0')
     """
     settings = settings or AdaptationSettings()
-    rounds = GroupwiseSettings().rounds if rounds is None else rounds
+    groupwise = GroupwiseSettings() if rounds is None else GroupwiseSettings(rounds=rounds)
     by_id = {mesh.case_id: index for index, mesh in enumerate(meshes)}
     if template is not None and template not in by_id:
         raise StudyError(f"the template {template} is none of the cases: {', '.join(by_id)}.")
@@ -164,7 +164,7 @@ def match_cohort(
         ]
 
     shapes = collect(meshes[chosen], matches, meshes)
-    return groupwise_rounds(shapes, meshes, rounds, match_means)
+    return groupwise_rounds(shapes, meshes, groupwise, match_means)
 
 
 def _basis(surface: MeshOrBasis) -> SpectralBasis:

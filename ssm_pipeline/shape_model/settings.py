@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from ssm_pipeline.settings import Settings
@@ -10,6 +12,9 @@ from ssm_pipeline.settings import Settings
 class GroupwiseSettings(Settings):
     # Each: the mean of the shapes so far, in the template's place, adapted to every case anew.
     rounds: int = Field(3, ge=0)
+    # How the mean is laid on a case before it is adapted: by the best rotation, translation and
+    # scale of its points, or by the best affine map, which bends the mean to each case's slides.
+    laid_on: Literal["similarity", "affine"] = "similarity"
 
 
 class ShapeModelSettings(Settings):

@@ -60,7 +60,7 @@ def after_rounds(
         ]
         return all_matched(context, tasks, folder / f"round-{number}")
 
-    return groupwise_rounds(shapes, meshes, context.settings.groupwise.rounds, match, mean_of)
+    return groupwise_rounds(shapes, meshes, context.settings.groupwise, match, mean_of)
 
 
 def readapt_case(

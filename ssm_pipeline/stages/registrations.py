@@ -52,7 +52,7 @@ def registered_rounds(
         place = folder / f"round-{number}"
         return _registered(context, registration, shapes.template_id, starts, place)
 
-    return groupwise_rounds(shapes, meshes, context.settings.groupwise.rounds, match, mean_of)
+    return groupwise_rounds(shapes, meshes, context.settings.groupwise, match, mean_of)
 
 
 def register_case(

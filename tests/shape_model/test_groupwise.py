@@ -42,13 +42,13 @@ def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort):
     assert 0.6 * away["without"] < away["with"] < 0.9 * away["without"]  # it is a quarter of it
 
 
-def test_a_larger_and_flatter_case_is_reached_by_the_mean_alone():
+def test_a_larger_and_flatter_case_is_reached_by_the_affine_mean_alone():
     mesh = blob(1, faces=300)
     flat = moved(np.random.default_rng(1)).apply(mesh.vertices * [1.3, 1.2, 0.8])
     shapes = CorrespondedShapes(
         np.stack([mesh.vertices, mesh.vertices, flat]), mesh.faces, tuple("abc"), "a"
     )
-    np.testing.assert_allclose(placed_means(shapes, mean_of="ab")["c"], flat, atol=1e-6)
+    np.testing.assert_allclose(placed_means(shapes, "ab", "affine")["c"], flat, atol=1e-6)
 
 
 def test_a_round_takes_out_what_slid_along_the_surface():
