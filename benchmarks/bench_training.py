@@ -1,10 +1,13 @@
 """One training step: the project's against a plain reading of the same equations.
 
     python benchmarks/bench_training.py [--vertices 1000] [--eigenpairs 200] [--plain-times 1 3]
+    python benchmarks/bench_training.py --vertices 4000 --plain-times --where
 
 The plain step keeps the dense soft maps for autograd, inverts one system a row of the functional
 map, concatenates edge features and takes the SVD of every rotation. Both start from the same
 weights; the losses are printed beside each other. Prints seconds, peak memory and the ratio.
+`--where`: the floating-point operations of the step's matrix products over this machine's peak, a
+plain matrix product measured in the same run, and the operators that take the most time.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ import fast_simplification
 import numpy as np
 import torch
 import trimesh
+from torch.profiler import ProfilerActivity, profile
+from torch.utils.flop_counter import FlopCounterMode
 
 from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.interpolation.interpolator import Interpolator
@@ -39,6 +44,7 @@ def main() -> None:
     parser.add_argument("--time-steps", type=int, nargs="*", default=[1, 3, 7])
     parser.add_argument("--plain-times", type=int, nargs="*", default=[1, 3])
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--where", action="store_true")
     arguments = parser.parse_args()
     keep_large_blocks()
     settings = TrainingSettings()
@@ -70,6 +76,35 @@ def main() -> None:
                 f"ratio {plain_seconds / seconds:.1f}"
             )
         print(line, flush=True)
+        if arguments.where:
+            say_where(lambda T=T: pair_loss(x, y, networks, T, settings)[0], seconds)
+
+
+def say_where(loss_of: Callable[[], torch.Tensor], seconds: float) -> None:
+    with FlopCounterMode(display=False) as counter:
+        loss_of().backward()
+    operations, peak = counter.get_total_flops(), product_rate()
+    print(
+        f"    {operations / 1e9:.0f} GFLOP in products, {operations / seconds / 1e9:.0f} GFLOP/s, "
+        f"{100 * operations / seconds / peak:.0f} % of the {peak / 1e9:.0f} of one plain product"
+    )
+    with profile(activities=[ProfilerActivity.CPU]) as recorded:
+        loss_of().backward()
+    events = sorted(recorded.key_averages(), key=lambda event: -event.self_cpu_time_total)
+    whole = sum(event.self_cpu_time_total for event in events)
+    for event in events[:8]:
+        print(f"    {100 * event.self_cpu_time_total / whole:5.1f} %  {event.key}")
+
+
+def product_rate(size: int = 3000) -> float:
+    """Floating-point operations a second of a matrix product, the best of five."""
+    A = torch.randn(size, size)
+    taken = []
+    for _ in range(5):
+        start = time.perf_counter()
+        A @ A
+        taken.append(time.perf_counter() - start)
+    return 2 * size**3 / min(taken)
 
 
 def solid(seed: int, vertices: int) -> Mesh:
