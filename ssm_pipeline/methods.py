@@ -16,6 +16,7 @@ PairMethod = Literal[
     "features",
     "spectral only",
     "adaptation only",
+    "as scanned",
     "nearest point",
 ]
 """Ways to match one template to one case (`adaptation.correspond`)."""
@@ -34,6 +35,7 @@ Method = Literal[
     "spectral only",
     "adaptation only",
     "adaptation only, groupwise",
+    "as scanned",
     "nearest point",
     "affine nearest",
     "affine nearest, groupwise",
@@ -51,11 +53,18 @@ TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
 METHODS: tuple[Method, ...] = get_args(Method)
 REGISTRATIONS: tuple[Registration, ...] = get_args(Registration)
 # Rows whose matching looks at one case at a time: no training, no cohort's mean.
-ONE_CASE_AT_A_TIME: tuple[str, ...] = ("adaptation only", "nearest point", *REGISTRATIONS, TRUTH)
+ONE_CASE_AT_A_TIME: tuple[str, ...] = (
+    "adaptation only",
+    "as scanned",
+    "nearest point",
+    *REGISTRATIONS,
+    TRUTH,
+)
 # Rows that use no network: nothing is trained for them.
 WITHOUT_NETWORK: tuple[str, ...] = (
     "adaptation only",
     "adaptation only, groupwise",
+    "as scanned",
     "nearest point",
     *REGISTRATIONS,
     *(f"{registration}, groupwise" for registration in REGISTRATIONS),

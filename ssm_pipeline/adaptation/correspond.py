@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from ssm_pipeline.adaptation.pose import CoarsePair
     from ssm_pipeline.training.matcher import Matcher
 
-Start = Literal["network", "rigid"]
+Start = Literal["network", "rigid", "as scanned"]
 NETWORK: Start = "network"
 RIGID: Start = "rigid"
+AS_SCANNED: Start = "as scanned"
 MEAN = "mean"  # of a groupwise round
 # Methods that are a map of the features and no more; None: as the settings say.
 MAP_OF: dict[str, InferenceMap | None] = {
@@ -53,6 +54,7 @@ def correspond(
     projected features  nearest features, projected on the eigenbasis
     features            nearest features
     adaptation only     rigid alignment, adapted to the case; no network
+    as scanned          the template as it lies, centred, of the case's area, adapted; no network
     nearest point       rigid alignment; no network
     Whatever the method, the moved template is then carried to the nearest point on the case's
     triangles; both that point and the nearest vertex are kept.
@@ -83,7 +85,9 @@ def _least_distorted(
     """Adapted from each start that the method has, and the start that ended best: where the
     surfaces' distance and the template's distortion, weighed as in adaptation, are least."""
     starts: dict[Start, tuple[np.ndarray, MapPull | None]] = {}
-    if method != "adaptation only":
+    if method == "as scanned":
+        starts[AS_SCANNED] = template.vertices, None
+    if method not in WITHOUT_NETWORK:
         pose = _network_pose(template, case, matcher, coarse)
         starts[NETWORK] = pose, _map_pull(template, case, matcher, settings)
     if method == "adaptation only" or (method == "full" and settings.starts == "both"):

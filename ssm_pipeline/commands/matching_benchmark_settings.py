@@ -20,9 +20,12 @@ from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes, r
 from ssm_pipeline.training.settings import TrainingSettings
 
 BUILT_IN = ("articulated", "articulated-shapes")  # each with a preset of its name
-# Not the row that trains a network of its own, nor rigid alignment: given by --methods.
+# Not the row that trains a network of its own, nor what is no match of posed shapes: given by
+# --methods.
 DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
-    method for method in get_args(PairMethod) if method not in ("spectral only", "nearest point")
+    method
+    for method in get_args(PairMethod)
+    if method not in ("spectral only", "as scanned", "nearest point")
 )
 
 

@@ -26,7 +26,13 @@ meshing:
   faces: 8000              # triangles of each surface
 
 spectral:
-  eigenpairs: 200          # of the Laplacian; the matching works in their span
+  eigenpairs: 120          # of the Laplacian; the built-in weights read so many
+
+training:
+  start: built-in          # weights that synthetic shapes trained; none: fresh ones, 1000 steps
+  steps: 50                # one pair of cases each
+  matching:
+    features: xyz+wks      # for scans that lie alike, to about 40 degrees; wks: in any position
 
 shape_model:
   with_scale: false        # true removes size from the model; false keeps it as a mode

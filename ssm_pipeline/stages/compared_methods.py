@@ -99,12 +99,14 @@ def shapes_of(
     """The cases by one method, each in its own millimetres, up to date. Raises as above.
 
     full                the study's own: network, adaptation, groupwise rounds
-    without groupwise   network and adaptation, template → case: the paper's method
+    without groupwise   network and adaptation, template → case
+    network start       the same from the network's pose alone: the paper's method
     without adaptation  the map of the jointly trained features: the paper's row
     pose                the network's poses X(1)
     projected features  nearest features, projected on the eigenbasis; `features`: as they are
     spectral only       the same map, of features trained on the spectral loss alone
     adaptation only     rigid alignment and adaptation, no network; `, groupwise`: and the rounds
+    as scanned          adaptation from where the scans lie; no alignment, no network
     nearest point       rigid alignment alone
     affine nearest, nricp, cpd
                         plain registrations (`baselines.register`); `, groupwise`: and the rounds

@@ -26,6 +26,7 @@ class ComparisonSettings(Settings):
 
     methods: tuple[Method, ...] = (
         "without groupwise",
+        "network start",
         "without adaptation",
         "adaptation only",
         "nearest point",
