@@ -26,12 +26,14 @@ from ssm_pipeline.shape_model.correspondence import collect
 from ssm_pipeline.shape_model.groupwise import groupwise_rounds
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
 from ssm_pipeline.spectral.basis import spectral_basis
+from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.training import train as pairs
 from ssm_pipeline.training.matcher import Matcher
-from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 from ssm_pipeline.training.template import choose_template
 
 MeshOrBasis = Mesh | SpectralBasis
+_SPECTRAL = SpectralSettings()
 
 
 def train(
@@ -40,6 +42,7 @@ def train(
     settings: TrainingSettings | None = None,
     seed: int = 0,
     device: str | None = None,
+    start: str | None = None,
 ) -> Matcher:
     """Train a matcher on the pairs of a cohort, without labels.
 
@@ -48,6 +51,8 @@ def train(
     steps     optimiser steps, one pair each; None: as `settings` say.
     seed      of the first weights and of the order of the pairs.
     device    "cpu", "cuda"; None: cuda where there is one.
+    start     "built-in": weights that synthetic shapes trained, which need few steps or none; or
+              the path of a matcher; None: as `settings` say, by default fresh weights.
     Raises    StudyError for fewer than two surfaces, CaseError for one that can't be used.
 
     >>> import trimesh
@@ -60,10 +65,15 @@ def train(
     >>> matcher.trained_on
     ('case_0', 'case_1', 'case_2')
     """
-    settings = settings or TrainingSettings()
-    if steps is not None:
-        settings = settings.model_copy(update={"steps": steps})
-    bases = [_as_trained_on(surface, settings) for surface in surfaces]
+    given = {"steps": steps, "start": start}
+    changes = {name: value for name, value in given.items() if value is not None}
+    settings = TrainingSettings.model_validate(
+        (settings or TrainingSettings()).model_dump() | changes
+    )
+    spectral = _SPECTRAL
+    if settings.start == "built-in":
+        spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
+    bases = [_as_trained_on(surface, settings, spectral) for surface in surfaces]
     return pairs.train(bases, settings, seed, chosen_device(device))
 
 
@@ -91,14 +101,20 @@ def correspond(
     >>> match.points_on(case).shape
     (642, 3)
     """
+    spectral = _spectral_of(matcher)
     coarse: CoarsePair | None = None
     if matcher is not None and isinstance(template, Mesh) and isinstance(case, Mesh):
         coarse = (
-            _as_trained_on(template, matcher.settings),
-            _as_trained_on(case, matcher.settings),
+            _as_trained_on(template, matcher.settings, spectral),
+            _as_trained_on(case, matcher.settings, spectral),
         )
     return one_pair.correspond(
-        _basis(template), _basis(case), matcher, settings or AdaptationSettings(), method, coarse,
+        _basis(template, spectral),
+        _basis(case, spectral),
+        matcher,
+        settings or AdaptationSettings(),
+        method,
+        coarse,
         seed,
     )
 
@@ -139,8 +155,11 @@ def match_cohort(
     by_id = {mesh.case_id: index for index, mesh in enumerate(meshes)}
     if template is not None and template not in by_id:
         raise StudyError(f"the template {template} is none of the cases: {', '.join(by_id)}.")
-    bases = [spectral_basis(mesh) for mesh in meshes]
-    coarse = [_as_trained_on(mesh, matcher.settings) for mesh in meshes] if matcher else None
+    spectral = _spectral_of(matcher)
+    bases = [spectral_basis(mesh, spectral) for mesh in meshes]
+    coarse = (
+        [_as_trained_on(mesh, matcher.settings, spectral) for mesh in meshes] if matcher else None
+    )
     if template is None:
         template = choose_template(matcher, coarse)[0] if matcher and coarse else next(iter(by_id))
     chosen = by_id[template]
@@ -167,12 +186,20 @@ def match_cohort(
     return groupwise_rounds(shapes, meshes, groupwise, match_means)
 
 
-def _basis(surface: MeshOrBasis) -> SpectralBasis:
-    return surface if isinstance(surface, SpectralBasis) else spectral_basis(surface)
+def _spectral_of(matcher: Matcher | None) -> SpectralSettings:
+    """As many eigenpairs as the matcher was trained with."""
+    known = matcher is not None and matcher.eigenpairs > 0
+    return SpectralSettings(eigenpairs=matcher.eigenpairs) if matcher and known else _SPECTRAL
 
 
-def _as_trained_on(surface: MeshOrBasis, settings: TrainingSettings) -> SpectralBasis:
+def _basis(surface: MeshOrBasis, spectral: SpectralSettings) -> SpectralBasis:
+    return surface if isinstance(surface, SpectralBasis) else spectral_basis(surface, spectral)
+
+
+def _as_trained_on(
+    surface: MeshOrBasis, settings: TrainingSettings, spectral: SpectralSettings
+) -> SpectralBasis:
     """The basis of a coarser mesh, as dense as those that are trained on."""
     if isinstance(surface, SpectralBasis):
         return surface
-    return spectral_basis(decimate(surface, settings.faces))
+    return spectral_basis(decimate(surface, settings.faces), spectral)
