@@ -11,6 +11,7 @@ import numpy as np
 
 from ssm_pipeline.adaptation import correspond as one_pair
 from ssm_pipeline.adaptation.pose import CoarsePair
+from ssm_pipeline.adaptation.rigid_start import rank_templates_by_distance
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.engine.process import chosen_device
 from ssm_pipeline.meshing.decimation import decimate
@@ -134,7 +135,7 @@ def match_cohort(
               each lies the way the others do, to about 40 degrees.
     matcher   of `train`; None for the methods that use no network.
     template  the case that is matched to all others; None: the one whose mean loss is smallest, or
-              without a matcher the first.
+              without a matcher the one nearest to the others.
     rounds    groupwise rounds: the mean of the shapes so far is adapted to every case anew. None:
               as a study does; 0: the template alone.
     Returns   (N, V, 3) mm, each case in its own position, on the template's faces.
@@ -161,7 +162,7 @@ def match_cohort(
         [_as_trained_on(mesh, matcher.settings, spectral) for mesh in meshes] if matcher else None
     )
     if template is None:
-        template = choose_template(matcher, coarse)[0] if matcher and coarse else next(iter(by_id))
+        template = _most_like_the_others(matcher, coarse or bases, seed)
     chosen = by_id[template]
     matches = [
         one_pair.correspond(
@@ -184,6 +185,15 @@ def match_cohort(
 
     shapes = collect(meshes[chosen], matches, meshes)
     return groupwise_rounds(shapes, meshes, groupwise, match_means)
+
+
+def _most_like_the_others(
+    matcher: Matcher | None, bases: Sequence[SpectralBasis], seed: int
+) -> str:
+    if matcher is not None:
+        return choose_template(matcher, bases)[0]
+    ranked = rank_templates_by_distance(bases, TrainingSettings().template_pairs, seed)
+    return str(ranked.loc[ranked["mean_loss"].idxmin(), "case_id"])
 
 
 def _spectral_of(matcher: Matcher | None) -> SpectralSettings:

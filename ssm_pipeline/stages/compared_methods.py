@@ -22,8 +22,9 @@ from ssm_pipeline.methods import (
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.stages.context import Context
 from ssm_pipeline.stages.correspondence import (
+    Pair,
     all_matched,
-    correspond_case,
+    match_pair,
     matched_once,
     matches_in,
 )
@@ -196,14 +197,15 @@ def matched_shapes(
                 case_id,
                 context.case_key(case_id, *rests_on),
                 partial(
-                    correspond_case,
-                    context.case_file("spectral", template.case_id, "basis.npz"),
-                    context.case_file("spectral", case_id, "basis.npz"),
-                    matcher,
-                    adaptation,
-                    method,
-                    False,
-                    context.seed,
+                    match_pair,
+                    Pair(
+                        context.case_file("spectral", template.case_id, "basis.npz"),
+                        context.case_file("spectral", case_id, "basis.npz"),
+                        matcher,
+                        adaptation,
+                        method,
+                        context.seed,
+                    ),
                 ),
             )
             for case_id in context.case_keys

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,78 +18,98 @@ from ssm_pipeline.records import CaseError, Correspondence, SpectralBasis, Study
 from ssm_pipeline.stages.context import Context
 
 if TYPE_CHECKING:  # at run time inside the functions: not every worker needs PyTorch
+    from ssm_pipeline.adaptation.pose import CoarsePair
     from ssm_pipeline.records import CorrespondedShapes, Mesh
+    from ssm_pipeline.training.matcher import Matcher
+
+PATHS = "paths"  # folder of the few cases that are interpolated
 
 
 def match_cases(context: Context) -> Outcome:
-    """<case>/correspondence.npz, template → case; <case>/path.npz for a few cases."""
+    """<case>/correspondence.npz, template → case; paths/<case>/path.npz for a few cases."""
     template_id = _template(context)
     settings = context.settings.adaptation
-    others = [case_id for case_id in context.case_keys if case_id != template_id]
-    count = min(context.settings.report.paths, len(others))
-    with_path = {others[index * len(others) // count] for index in range(count)}
     trained, own = context.done["training"].key, context.case_keys[template_id]
     rests_on = [trained, own, settings, context.seed]
     matcher, method = _matcher_and_method(context)
-    results = context.map_cases(
-        [
-            CaseTask(
-                case_id,
-                context.case_key(case_id, rests_on, case_id in with_path),
-                partial(
-                    correspond_case,
-                    context.case_file("spectral", template_id, "basis.npz"),
-                    context.case_file("spectral", case_id, "basis.npz"),
-                    matcher,
-                    settings,
-                    method,
-                    case_id in with_path,
-                    context.seed,
-                ),
-            )
-            for case_id in context.case_keys
-        ]
-    )
+
+    def task(case_id: str, work: Callable[[Pair, Path], Row], also: object = None) -> CaseTask:
+        pair = Pair(
+            context.case_file("spectral", template_id, "basis.npz"),
+            context.case_file("spectral", case_id, "basis.npz"),
+            matcher,
+            settings,
+            method,
+            context.seed,
+        )
+        return CaseTask(case_id, context.case_key(case_id, rests_on, also), partial(work, pair))
+
+    results = context.map_cases([task(case_id, match_pair) for case_id in context.case_keys])
+    others = [r.case_id for r in results if r.dropped is None and r.case_id != template_id]
+    count = min(context.settings.report.paths, len(others))
+    chosen = {others[index * len(others) // count] for index in range(count)}
+    starts = {result.case_id: result.row.get("start") for result in results}
+    places = context.folder() / PATHS
+    for place in places.glob("*"):
+        if place.name not in chosen:  # of other settings
+            shutil.rmtree(place)
+    walked = [task(case_id, walk_pair, starts[case_id]) for case_id in sorted(chosen)]
+    context.map_cases(walked, folder=places)
     storage.write_json(context.folder() / "template.json", {"template_id": template_id})
     note = f"template {template_id}"
     if matcher is not None:
-        walked = sum(result.row.get("start") == "network" for result in results)
-        note += f"; {walked} of {len(results)} from the network's pose, the others from rigid"
+        from_network = sum(start == "network" for start in starts.values())
+        note += f"; {from_network} of {len(results)} from the network's pose, the others from rigid"
     return context.outcome(results, note=note)
 
 
-def correspond_case(
-    template_path: Path,
-    case_path: Path,
-    matcher_path: Path | None,
-    settings: AdaptationSettings,
-    method: PairMethod,
-    with_path: bool,
-    seed: int,
-    folder: Path,
-) -> Row:
-    """correspondence.npz, and path.npz where one is wanted."""
-    from ssm_pipeline.adaptation.correspond import correspond
-    from ssm_pipeline.adaptation.path import shape_path
+@dataclass(frozen=True)
+class Pair:
+    """A template and a case, by their files, and how they are matched."""
 
-    template = storage.load(SpectralBasis, template_path)
-    case = storage.load(SpectralBasis, case_path)
-    matcher, coarse = None, None
-    if matcher_path is not None:
+    template: Path
+    case: Path
+    matcher: Path | None
+    settings: AdaptationSettings
+    method: PairMethod
+    seed: int
+
+    def bases(self, name: str) -> tuple[SpectralBasis, SpectralBasis]:
+        template, case = (path.with_name(name) for path in (self.template, self.case))
+        return storage.load(SpectralBasis, template), storage.load(SpectralBasis, case)
+
+    def networks(self) -> tuple[Matcher | None, CoarsePair | None]:
+        """The matcher, and the two surfaces as dense as it was trained on."""
+        if self.matcher is None:
+            return None, None
         from ssm_pipeline.training.matcher import load_matcher  # PyTorch is needed for it alone
 
-        matcher = load_matcher(matcher_path)
-        coarse = (
-            storage.load(SpectralBasis, template_path.with_name("training_basis.npz")),
-            storage.load(SpectralBasis, case_path.with_name("training_basis.npz")),
-        )
-    match: Correspondence = correspond(template, case, matcher, settings, method, coarse, seed)
+        return load_matcher(self.matcher), self.bases("training_basis.npz")
+
+
+def match_pair(pair: Pair, folder: Path) -> Row:
+    """correspondence.npz."""
+    from ssm_pipeline.adaptation.correspond import correspond
+
+    template, case = pair.bases("basis.npz")
+    matcher, coarse = pair.networks()
+    match = correspond(template, case, matcher, pair.settings, pair.method, coarse, pair.seed)
     storage.save(match, folder / "correspondence.npz")
-    if with_path:
-        walks = matcher if match.start == "network" else None  # to where the match was found
-        path = shape_path(template, case, walks, settings, coarse, seed)
-        storage.save(path, folder / "path.npz")
     return {"case_id": case.case_id, "template_id": template.case_id, "start": match.start}
+
+
+def walk_pair(pair: Pair, folder: Path) -> Row:
+    """path.npz: the way to where the match was found, by the network if its start was kept."""
+    from ssm_pipeline.adaptation.path import shape_path
+
+    template, case = pair.bases("basis.npz")
+    matcher, coarse = pair.networks()
+    found = folder.parents[1] / case.case_id / "correspondence.npz"
+    if storage.load(Correspondence, found).start != "network":
+        matcher, coarse = None, None
+    path = shape_path(template, case, matcher, pair.settings, coarse, pair.seed)
+    storage.save(path, folder / "path.npz")
+    return {"case_id": case.case_id, "template_id": template.case_id}
 
 
 def matched_once(

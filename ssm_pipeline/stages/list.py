@@ -48,7 +48,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
             "seed": s.seed,
         },
         needs=("spectral", "training"),
-        version=4,
+        version=5,
     ),
     Stage(
         "groupwise",

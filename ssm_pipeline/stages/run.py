@@ -83,12 +83,12 @@ class Run:
 
     def path(self, case_id: str) -> ShapePath:
         """The interpolation template → case. Raises StudyError for a case without one."""
-        return storage.load(ShapePath, self._file("correspondence", case_id, "path.npz"))
+        return storage.load(ShapePath, self._file("correspondence", "paths", case_id, "path.npz"))
 
     @property
     def path_cases(self) -> tuple[str, ...]:
         """The cases that `path` knows; `report.paths` in the settings is their number."""
-        found = (self.folder / "correspondence").glob("*/path.npz")
+        found = (self.folder / "correspondence" / "paths").glob("*/path.npz")
         return tuple(sorted(path.parent.name for path in found))
 
     @property

@@ -190,3 +190,18 @@ def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: P
     assert "dropped ball_nobody: " in said.getvalue()
     assert [case.case_id for case in run.dropped] == ["ball_nobody"]
     assert "ball_nobody" in (run.folder / "report" / "index.html").read_text(encoding="utf-8")
+
+
+def test_more_interpolations_match_nothing_anew(tiny_run: Path, tmp_path: Path):
+    """A choice of display: the correspondences stay, and fewer paths leave none behind."""
+    masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
+    shutil.copytree(tiny_run, copy)
+    settings = tiny_settings(masks)
+    matches = sorted((copy / "correspondence").glob("*/correspondence.npz"))
+    before = [path.stat().st_mtime_ns for path in matches]
+    for count in (2, 1):
+        report = settings.report.model_copy(update={"paths": count})
+        changed = settings.model_copy(update={"report": report})
+        run_study(copy.name, changed, RunOptions(copy.parent), Terminal())
+        assert len(ssm_pipeline.load_run(copy).path_cases) == count
+        assert [path.stat().st_mtime_ns for path in matches] == before
