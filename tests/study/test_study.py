@@ -34,7 +34,7 @@ def test_luna16_without_masks_runs_on_phantoms_with_its_own_overrides():
     given = read_study("luna16", data=Path("masks"))
     assert isinstance(given.settings.data, Luna16Data)
     assert given.settings.data.folder == Path("masks")
-    assert study.settings.training.steps < given.settings.training.steps
+    assert study.settings.meshing.faces < given.settings.meshing.faces
 
 
 def test_what_the_user_sets_counts_over_the_stand_in():
@@ -90,7 +90,7 @@ def test_another_source_starts_its_section_afresh():
         ("training.matching.temprature=1", r"training\.matching\.temprature\. Did you mean temp"),
         ("data.sides=left", r"no setting data\.sides\. Did you mean side\?"),
         ("data.side=top", r"data\.side: .*'left', 'right' or 'both'; found 'top'"),
-        ("training.steps=0", r"training\.steps: .*greater than or equal to 1; found 0"),
+        ("training.steps=-1", r"training\.steps: .*greater than or equal to 0; found -1"),
         ("meshing.zzz=0", r"no setting meshing\.zzz\. Known here: .*faces"),
     ],
 )

@@ -148,8 +148,8 @@ def test_path_runs_from_template_to_case_in_millimetres(bases, matcher):
     path = shape_path(template, case, matcher, settings)
     start = template.frame.apply(template.vertices)
     assert abs(path.at(0, 0) - start).max() < 1e-4
-    match = correspond(template, case, matcher, settings)
-    # X(1, 1) of the path is the surface that the full method carries onto the case.
+    match = correspond(template, case, matcher, settings, "network start")
+    # X(1, 1) of the path is the surface that this start carries onto the case.
     assert abs(path.at(1, 1) - match.fitted).max() < 1e-3
     halfway = path.at(0.25, 0.5)
     assert abs(halfway - 0.5 * (path.at(0.25, 0) + path.at(0.25, 1))).max() < 1e-9
