@@ -10,7 +10,9 @@ from pathlib import Path, PurePath
 from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
 
 LONGEST_ID = 200  # bytes: the id names folders and, with a suffix, files; 255 is the system's limit
-_OF_A_RUN = re.compile(r".*\.(csv|json|npz|pt|html|png|ya?ml|lock)|round-\d+|retrained-folds|paths", re.I)
+_OF_A_RUN = re.compile(
+    r".*\.(csv|json|npz|pt|html|png|ya?ml|lock)|round-\d+|retrained-folds|paths", re.I
+)
 
 
 def files_below(

@@ -19,7 +19,7 @@ _WATCHED = (
     ("mean_cosine", "Likeness of the features", "mean cosine between vertices"),
     ("share_hit", "Vertices hit", "share of the target's vertices"),
 )
-_NOT_LOSSES = {"step", "seconds", *(column for column, *_ in _WATCHED)}
+_NOT_LOSSES = {"step", "schedule", "seconds", *(column for column, *_ in _WATCHED)}
 
 
 def training_charts(losses: pd.DataFrame | None) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -27,6 +28,9 @@ class TrainingSettings(Settings):
     clip_each_network: bool = True  # by itself, as in the authors' code; False: both together
     time_steps: tuple[Annotated[int, Field(ge=1)], ...] = (1, 3, 5, 7)  # T, growing
     time_step_shares: tuple[float, ...] = (0.7, 0.1, 0.1, 0.1)  # of the steps, for each T
+    # Plateau: once the mean loss of so many steps is less than 1 % below that of as many before, at
+    # the same T, training goes on at the next T, and after the last it ends. 0: all steps are done.
+    patience: int = Field(0, ge=0)
     # Each shape's coordinates, where they are network input, are turned by a random rotation of up
     # to so many degrees and shifted by a normal draw, at every step; before that, where wanted,
     # both shapes of a pair by one rotation of any angle, so that no direction of the scanner tells.
@@ -82,3 +86,13 @@ class TrainingSettings(Settings):
             if step < reached * self.steps - 1e-9:
                 return T
         return self.time_steps[-1]
+
+    def next_phase(self, step: int) -> int:
+        """The first step after `step` with another T, or the end."""
+        reached = 0.0
+        for share in self.time_step_shares:
+            reached += share
+            start = math.ceil(reached * self.steps - 1e-9)
+            if start > step:
+                return min(start, self.steps)
+        return self.steps

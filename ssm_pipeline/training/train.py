@@ -55,16 +55,17 @@ def train(
         optimiser.load_state_dict(start.optimiser)
         history = list(start.history)
 
-    for step in range(len(history), settings.steps):
+    while (place := next_place(history, settings)) < settings.steps:
+        step = len(history)
         x, y = pair_at(step, pairs, seed)
         for group in optimiser.param_groups:
-            group["lr"] = learning_rate_at(step, settings)
+            group["lr"] = learning_rate_at(place, settings)
         optimiser.zero_grad(set_to_none=True)
         with torch.random.fork_rng(devices=[] if device == "cpu" else [device]):
             # Dropout's draws, and the turns: of the seed and the step, so a resumed run has them.
             torch.manual_seed(hash_of(seed, step))
             shape_x, shape_y = turned_inputs(shapes[x], shapes[y], settings)
-            intervals = settings.intervals_at(step)
+            intervals = settings.intervals_at(place)
             total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
         total.backward()
         if not clip_gradients(networks, settings):
@@ -73,9 +74,9 @@ def train(
                 f"{step}; look at these two meshes, or lower training.learning_rate"
             )
         optimiser.step()
-        losses = {"total": float(total.detach())}
+        losses = {"schedule": float(place), "total": float(total.detach())}
         losses |= {name: float(term.detach()) for name, term in terms.items()}
-        if step % settings.watch_every == 0 or step == settings.steps - 1:
+        if step % settings.watch_every == 0 or place == settings.steps - 1:
             losses |= _watched(pair)
         history.append(losses)
         on_step(step + 1, losses)
@@ -83,6 +84,22 @@ def train(
             on_checkpoint(Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history))
     seen = tuple(basis.case_id for basis in bases)
     return Matcher(networks.eval(), settings, seed, seen, len(bases[0].eigenvalues))
+
+
+def next_place(history: Sequence[dict[str, float]], settings: TrainingSettings) -> int:
+    """The step of the schedule that comes next: the one after the last, or the next T's first where
+    the loss has stopped falling (`settings.patience`)."""
+    if not history:
+        return 0
+    last = int(history[-1].get("schedule", len(history) - 1))
+    if settings.patience == 0 or len(history) < 2 * settings.patience:
+        return last + 1
+    recent = history[-2 * settings.patience :]
+    begun = int(recent[0].get("schedule", 0))
+    if settings.next_phase(begun) != settings.next_phase(last):
+        return last + 1
+    before, after = np.array([row["total"] for row in recent]).reshape(2, -1).mean(axis=1)
+    return last + 1 if after < 0.99 * before else settings.next_phase(last)
 
 
 def turned_inputs(x: Shape, y: Shape, settings: TrainingSettings) -> tuple[Shape, Shape]:

@@ -18,6 +18,7 @@ from ssm_pipeline.training.template import choose_template
 from ssm_pipeline.training.train import (
     clip_gradients,
     learning_rate_at,
+    next_place,
     pair_at,
     pairs_within,
     train,
@@ -233,3 +234,39 @@ def test_gradients_are_clipped_network_by_network_or_together(alone):
     else:
         assert float(norms[0] ** 2 + norms[1] ** 2) == pytest.approx(1.0, rel=1e-4)
         assert norms[1] < 1e-3
+
+
+def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last():
+    settings = SETTINGS.model_copy(
+        update={
+            "steps": 100,
+            "time_steps": (1, 3),
+            "time_step_shares": (0.7, 0.3),
+            "patience": 5,
+        }
+    )
+    falling = [{"schedule": float(step), "total": 100.0 * 0.9**step} for step in range(20)]
+    assert next_place(falling, settings) == 20
+    flat = [{"schedule": float(step), "total": 100.0} for step in range(20)]
+    assert next_place(flat[:9], settings) == 9
+    assert next_place(flat, settings) == 70
+    just_moved = [*flat, {"schedule": 70.0, "total": 100.0}]
+    assert next_place(just_moved, settings) == 71  # the steps before were of another T
+    flat_again = flat + [{"schedule": 70.0 + step, "total": 100.0} for step in range(10)]
+    assert next_place(flat_again, settings) == 100
+    assert next_place(flat, settings.model_copy(update={"patience": 0})) == 20
+
+
+def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_path):
+    settings = SETTINGS.model_copy(update={"steps": 60, "patience": 2, "checkpoint_every": 3})
+    rows: list[dict[str, float]] = []
+    whole = train(
+        bases,
+        settings,
+        seed=5,
+        on_checkpoint=lambda c: save_checkpoint(c, tmp_path / f"{c.step}.pt"),
+        on_step=lambda step, losses: rows.append(losses),
+    )
+    assert len(rows) < 60
+    resumed = train(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
+    assert torch.equal(weights_of(whole), weights_of(resumed))
