@@ -12,6 +12,7 @@ from ssm_pipeline.adaptation.distortion import distortion
 from ssm_pipeline.adaptation.objective import MapPull
 from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Correspondence, SpectralBasis
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from ssm_pipeline.adaptation.pose import CoarsePair
     from ssm_pipeline.training.matcher import Matcher
 
-Start = Literal["network", "rigid", "as scanned"]
+Start = Literal["network", "turned", "rigid", "as scanned"]
 NETWORK: Start = "network"
+TURNED: Start = "turned"
 RIGID: Start = "rigid"
 AS_SCANNED: Start = "as scanned"
 MEAN = "mean"  # of a groupwise round
@@ -45,8 +47,9 @@ def correspond(
 ) -> Correspondence:
     """Match a template to a case.
 
-    full                adapted to the case (Eq. 15–16) from the network's pose X(1) and from
-                        rigid alignment; the less distorted is kept (`settings.starts`)
+    full                adapted to the case (Eq. 15–16) from the network's pose X(1), from rigid
+                        alignment and from the template turned as the map says; the least
+                        distorted is kept (`settings.starts`)
     network start       from the network's pose alone: the paper's method
     without adaptation  the map of the features, by `matching.inference_map`: the paper's row
     spectral only       the same, of features trained on the spectral loss alone
@@ -92,6 +95,8 @@ def _least_distorted(
         starts[NETWORK] = pose, _map_pull(template, case, matcher, settings)
     if method == "adaptation only" or (method == "full" and settings.starts == "both"):
         starts[RIGID] = rigidly_aligned(template, case, seed), None
+        if method == "full":
+            starts[TURNED] = _turned_by_the_map(template, case, matcher), None
     ended: dict[Start, np.ndarray] = {}
     cost: dict[Start, float] = {}
     for start, (pose, pull) in starts.items():
@@ -101,6 +106,15 @@ def _least_distorted(
         cost[start] = adapted.chamfer + settings.stiffness * bent
     best = min(cost, key=lambda start: cost[start])
     return ended[best], best
+
+
+def _turned_by_the_map(
+    template: SpectralBasis, case: SpectralBasis, matcher: Matcher | None
+) -> np.ndarray:
+    """(V, 3) the template, moved rigidly as the features' map says: where closest points would turn
+    it the wrong way, the map knows better, and a rigid start holds none of the map's noise."""
+    goal = _mapped(template, case, matcher, None)
+    return best_similarity(template.vertices, goal, template.mass).apply(template.vertices)
 
 
 def _network_pose(

@@ -80,7 +80,7 @@ class Correspondence:
     case_faces (V_t,) int; barycentric (V_t, 3); nearest_vertex (V_t,) int: the case's vertex
     nearest to the adapted template vertex. `fitted` (V_t, 3) mm: the adapted template X(1, 1)
     in the case's own space, before it is carried onto the surface. `start`: where the
-    adaptation began: rigid, network or mean.
+    adaptation began: rigid, turned (rigidly, by the map), network, mean or as scanned.
     """
 
     template_id: str

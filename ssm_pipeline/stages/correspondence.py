@@ -58,8 +58,8 @@ def match_cases(context: Context) -> Outcome:
     storage.write_json(context.folder() / "template.json", {"template_id": template_id})
     note = f"template {template_id}"
     if matcher is not None:
-        from_network = sum(start == "network" for start in starts.values())
-        note += f"; {from_network} of {len(results)} from the network's pose, the others from rigid"
+        aligned = sum(start == "rigid" for start in starts.values())
+        note += f"; started by the network {len(results) - aligned}, by rigid alignment {aligned}"
     return context.outcome(results, note=note)
 
 
@@ -99,13 +99,13 @@ def match_pair(pair: Pair, folder: Path) -> Row:
 
 
 def walk_pair(pair: Pair, folder: Path) -> Row:
-    """path.npz: the way to where the match was found, by the network if its start was kept."""
+    """path.npz: by the network, unless the match was found from rigid alignment."""
     from ssm_pipeline.adaptation.path import shape_path
 
     template, case = pair.bases("basis.npz")
     matcher, coarse = pair.networks()
     found = folder.parents[1] / case.case_id / "correspondence.npz"
-    if storage.load(Correspondence, found).start != "network":
+    if storage.load(Correspondence, found).start == "rigid":
         matcher, coarse = None, None
     path = shape_path(template, case, matcher, pair.settings, coarse, pair.seed)
     storage.save(path, folder / "path.npz")

@@ -48,7 +48,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
             "seed": s.seed,
         },
         needs=("spectral", "training"),
-        version=5,
+        version=6,
     ),
     Stage(
         "groupwise",
