@@ -123,7 +123,7 @@ def test_without_the_spatial_loss_only_the_features_learn(bases):
     rows: list[dict[str, float]] = []
     trained = train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
     fresh = Networks.new(settings, 5)
-    assert set(rows[-2]) == {"total", "bijectivity", "orthogonality", "coupling"}
+    assert set(rows[-2]) == {"schedule", "total", "bijectivity", "orthogonality", "coupling"}
     pairs = zip(fresh.both(), trained.networks.both(), strict=True)
     features, interpolator = (
         list(zip(before.parameters(), after.parameters(), strict=True)) for before, after in pairs
