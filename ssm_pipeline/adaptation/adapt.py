@@ -14,11 +14,14 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """offsets Δ (V, 3); chamfer: the squared distance left between X + Δ and Y, both directed
-    means added, at unit area."""
+    """offsets Δ (V, 3), and the objective that they minimise."""
 
     offsets: np.ndarray
-    chamfer: float
+    objective: AdaptationObjective
+
+    def chamfer(self) -> float:
+        """The squared distance left between X + Δ and Y, both directed means added."""
+        return self.objective.nearest(self.objective.moved_samples(self.offsets)).chamfer
 
 
 def adapt(
@@ -50,4 +53,4 @@ def adapt(
         pull,
     )
     offsets, _ = gauss_newton(objective, settings.steps, settings.tangential)
-    return Adapted(offsets, objective.nearest(objective.moved_samples(offsets)).chamfer)
+    return Adapted(offsets, objective)

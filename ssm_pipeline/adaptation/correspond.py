@@ -27,6 +27,7 @@ TURNED: Start = "turned"
 RIGID: Start = "rigid"
 AS_SCANNED: Start = "as scanned"
 MEAN = "mean"  # of a groupwise round
+Starts = dict[Start, tuple[np.ndarray, MapPull | None]]  # poses (V, 3), each with its pull if any
 # Methods that are a map of the features and no more; None: as the settings say.
 MAP_OF: dict[str, InferenceMap | None] = {
     "without adaptation": None,
@@ -63,94 +64,55 @@ def correspond(
     triangles; both that point and the nearest vertex are kept.
     coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
     """
-    if method not in WITHOUT_NETWORK and matcher is None:
+    if method in WITHOUT_NETWORK:
+        if method == "as scanned":
+            posed, start = template.vertices, AS_SCANNED
+        else:
+            posed, start = rigidly_aligned(template, case, seed), RIGID
+        if method != "nearest point":
+            posed = posed + _adapted(posed, template, case, settings, seed).offsets
+        return _carried_onto(case, template, posed, start)
+    if matcher is None:
         raise ValueError(f"the method {method!r} needs a trained matcher")
+    # Here, so that what uses no network needs no PyTorch.
+    from ssm_pipeline.adaptation.pose import carried_case, map_pull, pose_path
+
+    goal = carried_case(template, case, matcher, MAP_OF.get(method))
     if method in MAP_OF:
-        posed, start = _mapped(template, case, matcher, MAP_OF[method]), NETWORK
-    elif method == "pose":
-        posed, start = _network_pose(template, case, matcher, coarse), NETWORK
-    elif method == "nearest point":
-        posed, start = rigidly_aligned(template, case, seed), RIGID
-    else:
-        posed, start = _least_distorted(template, case, matcher, settings, method, coarse, seed)
-    return _carried_onto(case, template, posed, start)
+        return _carried_onto(case, template, goal, NETWORK)
+    pose = pose_path(template, case, matcher, np.ones(1), coarse, goal)[0]
+    if method == "pose":
+        return _carried_onto(case, template, pose, NETWORK)
+    starts: Starts = {NETWORK: (pose, map_pull(template, case, matcher, settings))}
+    if method == "full" and settings.starts == "both":
+        starts[RIGID] = rigidly_aligned(template, case, seed), None
+        # Rigidly as the map says: where closest points would turn the template the wrong way, the
+        # map knows better, and a rigid start holds none of the map's noise.
+        turn = best_similarity(template.vertices, goal, template.mass)
+        starts[TURNED] = turn.apply(template.vertices), None
+    return _carried_onto(case, template, *_least_distorted(starts, template, case, settings, seed))
 
 
 def _least_distorted(
+    starts: Starts,
     template: SpectralBasis,
     case: SpectralBasis,
-    matcher: Matcher | None,
     settings: AdaptationSettings,
-    method: PairMethod,
-    coarse: CoarsePair | None,
     seed: int,
 ) -> tuple[np.ndarray, Start]:
-    """Adapted from each start that the method has, and the start that ended best: where the
-    surfaces' distance and the template's distortion, weighed as in adaptation, are least."""
-    starts: dict[Start, tuple[np.ndarray, MapPull | None]] = {}
-    if method == "as scanned":
-        starts[AS_SCANNED] = template.vertices, None
-    if method not in WITHOUT_NETWORK:
-        pose = _network_pose(template, case, matcher, coarse)
-        starts[NETWORK] = pose, _map_pull(template, case, matcher, settings)
-    if method == "adaptation only" or (method == "full" and settings.starts == "both"):
-        starts[RIGID] = rigidly_aligned(template, case, seed), None
-        if method == "full":
-            starts[TURNED] = _turned_by_the_map(template, case, matcher), None
+    """Adapted from each start, and the start that ended best: where the surfaces' distance and the
+    template's distortion, weighed as in adaptation, are least."""
     ended: dict[Start, np.ndarray] = {}
     cost: dict[Start, float] = {}
     for start, (pose, pull) in starts.items():
         adapted = _adapted(pose, template, case, settings, seed, pull)
         ended[start] = pose + adapted.offsets
+        if len(starts) == 1:
+            return ended[start], start
         bent = distortion(template.vertices, ended[start], template.stiffness)
-        cost[start] = adapted.chamfer + settings.stiffness * bent
+        cost[start] = adapted.chamfer() + settings.stiffness * bent
     best = min(cost, key=lambda start: cost[start])
     return ended[best], best
-
-
-def _turned_by_the_map(
-    template: SpectralBasis, case: SpectralBasis, matcher: Matcher | None
-) -> np.ndarray:
-    """(V, 3) the template, moved rigidly as the features' map says: where closest points would turn
-    it the wrong way, the map knows better, and a rigid start holds none of the map's noise."""
-    goal = _mapped(template, case, matcher, None)
-    return best_similarity(template.vertices, goal, template.mass).apply(template.vertices)
-
-
-def _network_pose(
-    template: SpectralBasis,
-    case: SpectralBasis,
-    matcher: Matcher | None,
-    coarse: CoarsePair | None,
-) -> np.ndarray:
-    from ssm_pipeline.adaptation.pose import pose_path  # here: PyTorch is needed for it alone
-
-    assert matcher is not None
-    return pose_path(template, case, matcher, np.ones(1), coarse)[0]
-
-
-def _mapped(
-    template: SpectralBasis,
-    case: SpectralBasis,
-    matcher: Matcher | None,
-    kind: InferenceMap | None,
-) -> np.ndarray:
-    from ssm_pipeline.adaptation.pose import carried_case
-
-    assert matcher is not None
-    return carried_case(template, case, matcher, kind)
-
-
-def _map_pull(
-    template: SpectralBasis,
-    case: SpectralBasis,
-    matcher: Matcher | None,
-    settings: AdaptationSettings,
-) -> MapPull | None:
-    from ssm_pipeline.adaptation.pose import map_pull
-
-    assert matcher is not None
-    return map_pull(template, case, matcher, settings)
 
 
 def correspond_again(

@@ -23,6 +23,7 @@ def pose_path(
     matcher: Matcher,
     times: np.ndarray,
     coarse: CoarsePair | None = None,
+    target: np.ndarray | None = None,
 ) -> np.ndarray:
     """(T, V, 3) unit area: X(t) = X + t Ω on the template's vertices, at each of `times` (T,).
 
@@ -30,8 +31,9 @@ def pose_path(
     coarse  the same two surfaces as densely triangulated as the meshes that were trained on. The
             interpolator sees one-rings, so it is at home there; its displacements are then carried
             to the template's own vertices.
+    target  `carried_case` of the two, where it is known already.
     """
-    target = carried_case(template, case, matcher)
+    target = carried_case(template, case, matcher) if target is None else target
     if coarse is None:
         return _posed(template, target, matcher, times)
     network_template, fine_in_coarse = coarse[0], coarse[0].frame.inverse()

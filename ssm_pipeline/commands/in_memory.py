@@ -198,8 +198,9 @@ def _most_like_the_others(
 
 def _spectral_of(matcher: Matcher | None) -> SpectralSettings:
     """As many eigenpairs as the matcher was trained with."""
-    known = matcher is not None and matcher.eigenpairs > 0
-    return SpectralSettings(eigenpairs=matcher.eigenpairs) if matcher and known else _SPECTRAL
+    if matcher is None or matcher.eigenpairs == 0:
+        return _SPECTRAL
+    return SpectralSettings(eigenpairs=matcher.eigenpairs)
 
 
 def _basis(surface: MeshOrBasis, spectral: SpectralSettings) -> SpectralBasis:

@@ -6,8 +6,6 @@ import json
 from dataclasses import dataclass
 from typing import Literal
 
-from ssm_pipeline.methods import FULL, METHODS
-
 
 @dataclass(frozen=True)
 class Part:
@@ -36,13 +34,16 @@ _IN_FULL = (
     _rows(
         "S3M",
         "S3M tuned",
-        *(
-            name
-            for name in METHODS
-            if name not in (FULL, "pose", "projected features", "features")
-            and not name.startswith("S3M")
-            and not name.endswith(", groupwise")
-        ),
+        "without groupwise",
+        "network start",
+        "without adaptation",
+        "spectral only",
+        "adaptation only",
+        "as scanned",
+        "nearest point",
+        "affine nearest",
+        "nricp",
+        "cpd",
         "adaptation only, groupwise",
     ),
     "comparison.s3m.epochs=10",

@@ -188,8 +188,8 @@ def matched_shapes(
     """
     from ssm_pipeline.shape_model.correspondence import collect
 
-    adaptation = context.settings.adaptation
-    rests_on = (method, template.case_id, adaptation, context.seed, *matcher_rests_on)
+    settings, seed = context.settings.adaptation, context.seed
+    rests_on = (method, template.case_id, settings, seed, *matcher_rests_on)
     matches = all_matched(
         context,
         [
@@ -197,15 +197,7 @@ def matched_shapes(
                 case_id,
                 context.case_key(case_id, *rests_on),
                 partial(
-                    match_pair,
-                    Pair(
-                        context.case_file("spectral", template.case_id, "basis.npz"),
-                        context.case_file("spectral", case_id, "basis.npz"),
-                        matcher,
-                        adaptation,
-                        method,
-                        context.seed,
-                    ),
+                    match_pair, Pair.of(context, template.case_id, case_id, matcher, method)
                 ),
             )
             for case_id in context.case_keys

@@ -34,14 +34,7 @@ def match_cases(context: Context) -> Outcome:
     matcher, method = _matcher_and_method(context)
 
     def task(case_id: str, work: Callable[[Pair, Path], Row], also: object = None) -> CaseTask:
-        pair = Pair(
-            context.case_file("spectral", template_id, "basis.npz"),
-            context.case_file("spectral", case_id, "basis.npz"),
-            matcher,
-            settings,
-            method,
-            context.seed,
-        )
+        pair = Pair.of(context, template_id, case_id, matcher, method)
         return CaseTask(case_id, context.case_key(case_id, rests_on, also), partial(work, pair))
 
     results = context.map_cases([task(case_id, match_pair) for case_id in context.case_keys])
@@ -73,6 +66,19 @@ class Pair:
     settings: AdaptationSettings
     method: PairMethod
     seed: int
+
+    @staticmethod
+    def of(
+        context: Context, template_id: str, case_id: str, matcher: Path | None, method: PairMethod
+    ) -> Pair:
+        return Pair(
+            context.case_file("spectral", template_id, "basis.npz"),
+            context.case_file("spectral", case_id, "basis.npz"),
+            matcher,
+            context.settings.adaptation,
+            method,
+            context.seed,
+        )
 
     def bases(self, name: str) -> tuple[SpectralBasis, SpectralBasis]:
         template, case = (path.with_name(name) for path in (self.template, self.case))

@@ -53,7 +53,7 @@ def train_matcher(context: Context) -> Outcome:
             "(training.steps), or compare with the method adaptation only."
         )
     loss = template_losses["mean_loss"].mean()
-    note = f"{settings.steps} steps, loss {loss:.3g}, map extent {100 * extent:.0f} %"
+    note = f"{len(history)} steps, loss {loss:.3g}, map extent {100 * extent:.0f} %"
     return Outcome(context.case_keys, note=note)
 
 

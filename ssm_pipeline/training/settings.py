@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 from typing import Annotated
@@ -78,21 +79,18 @@ class TrainingSettings(Settings):
         """The same without the spatial loss: features trained for matching alone."""
         return self.model_copy(update={"spatial_loss": SpatialLossSettings.none()})
 
+    def _phase_ends(self) -> list[int]:
+        """The first step after each T's."""
+        reached = itertools.accumulate(self.time_step_shares)
+        return [math.ceil(share * self.steps - 1e-9) for share in reached]
+
     def intervals_at(self, step: int) -> int:
         """T at an optimiser step."""
-        reached = 0.0
-        for T, share in zip(self.time_steps, self.time_step_shares, strict=True):
-            reached += share
-            if step < reached * self.steps - 1e-9:
+        for T, end in zip(self.time_steps, self._phase_ends(), strict=True):
+            if step < end:
                 return T
         return self.time_steps[-1]
 
     def next_phase(self, step: int) -> int:
         """The first step after `step` with another T, or the end."""
-        reached = 0.0
-        for share in self.time_step_shares:
-            reached += share
-            start = math.ceil(reached * self.steps - 1e-9)
-            if start > step:
-                return min(start, self.steps)
-        return self.steps
+        return min([end for end in self._phase_ends() if end > step] + [self.steps])

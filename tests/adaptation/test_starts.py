@@ -55,12 +55,13 @@ def test_an_untrained_network_loses_against_the_rigid_start(bases, untrained):
 def test_the_network_wins_where_the_rigid_start_cannot_reach(bases, untrained, monkeypatch):
     """A case turned over: aligned rigidly it stays the wrong way round, the network's pose not."""
     from ssm_pipeline.adaptation import correspond as module
+    from ssm_pipeline.adaptation import pose
 
     template = bases[0]
     upside_down = Mesh(template.vertices * [-1, -1, 1], template.faces, "turned")
     case = basis_of(upside_down)
     monkeypatch.setattr(module, "rigidly_aligned", lambda template, case, seed: template.vertices)
-    monkeypatch.setattr(module, "_network_pose", lambda *_: case.vertices)
+    monkeypatch.setattr(pose, "pose_path", lambda *_: case.vertices[None])
     match = correspond(template, case, untrained, SETTINGS)
     assert match.start in ("network", "turned")  # the map of equal shapes turns it rightly, too
     assert (match.nearest_vertex == np.arange(len(case.vertices))).mean() > 0.95
