@@ -41,7 +41,7 @@ def main() -> None:
     objective = AdaptationObjective(
         x.vertices,
         x.faces,
-        x.stiffness,
+        x.laplacian,
         y.vertices,
         y.faces,
         arguments.samples,

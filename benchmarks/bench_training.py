@@ -121,9 +121,7 @@ def solid(seed: int, vertices: int) -> Mesh:
     return Mesh(70.0 * reduced[0], reduced[1], f"solid {seed}")
 
 
-def timed(
-    loss_of: Callable[[], torch.Tensor], networks: Networks
-) -> tuple[float, float]:
+def timed(loss_of: Callable[[], torch.Tensor], networks: Networks) -> tuple[float, float]:
     """The loss, and the seconds of the second of two forward and backward passes."""
     for _ in range(2):
         for network in networks.both():
@@ -169,7 +167,7 @@ def plain_loss(
             distances = (gaps[1:] + 1e-12).sqrt()
             loss = loss + weights.variance * (distances.var(dim=0) @ by_area)
         carried = Pi @ other.vertices
-        loss = loss + weights.dirichlet * (carried * (shape.stiffness @ carried)).sum()
+        loss = loss + weights.dirichlet * (carried * (shape.laplacian @ carried)).sum()
     return loss
 
 

@@ -52,8 +52,8 @@ def skin_weights() -> np.ndarray:
     speeds = (_SPREAD * (radii[edges.row] + radii[edges.col]) / 2) ** 2
     links = sp.coo_matrix((speeds * np.minimum(edges.data, 0), (edges.row, edges.col)), mass.shape)
     links = (links + links.T).tocsr()
-    stiffness = links - sp.diags(np.asarray(links.sum(axis=1)).ravel())
-    heat = splu((mass + stiffness).tocsc())
+    slowed = links - sp.diags(np.asarray(links.sum(axis=1)).ravel())
+    heat = splu((mass + slowed).tocsc())
     weights = np.eye(len(BONES))[bones]
     for _ in range(2):
         weights = heat.solve(mass @ weights)

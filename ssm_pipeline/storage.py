@@ -29,7 +29,8 @@ from ssm_pipeline.records import DamagedFile, Metrics, StudyError
 FORMAT_VERSION = 1
 Record = TypeVar("Record")
 Fingerprints = dict[str, tuple[int, str]]  # path below a folder → its bytes, their hash
-
+# Record → what a field was called in files of earlier versions → what it is called now.
+FORMER_NAMES = {"SpectralBasis": {"stiffness": "laplacian"}}
 
 # What stands in the way of writing, as opposed to a fault of the program, and what to try.
 WHAT_TO_TRY = {
@@ -229,7 +230,8 @@ def _record(kind: type[Record], path: Path, file: Any) -> Record:
             values[name].check_format(full_check=True)  # an index too large would crash SciPy
         else:
             values[name] = _from_json(value)
-    return kind(**values)
+    former = FORMER_NAMES.get(kind.__name__, {})
+    return kind(**{former.get(name, name): value for name, value in values.items()})
 
 
 def save_tables(metrics: Metrics, folder: Path) -> None:

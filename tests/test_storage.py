@@ -26,7 +26,7 @@ BASIS = SpectralBasis(
     eigenvalues=np.arange(2.0),
     eigenvectors=np.ones((3, 2)),
     mass=np.ones(3),
-    stiffness=SPARSE,
+    laplacian=SPARSE,
     gradient_x=SPARSE,
     gradient_y=SPARSE,
     frame=Similarity(2.0, np.eye(3), np.arange(3.0)),
@@ -42,8 +42,17 @@ def written(tmp_path: Path) -> Path:
 def test_a_record_comes_back_as_it_was(written: Path):
     back = storage.load(SpectralBasis, written)
     assert back.case_id == "007"
-    assert (back.stiffness != BASIS.stiffness).nnz == 0
+    assert (back.laplacian != BASIS.laplacian).nnz == 0
     np.testing.assert_array_equal(back.frame.translation, BASIS.frame.translation)
+
+
+def test_a_field_that_was_renamed_is_read_from_older_files(written: Path):
+    arrays = storage.load_arrays(written)
+    older = {name.replace("laplacian", "stiffness"): value for name, value in arrays.items()}
+    older["header"] = np.array(str(arrays["header"]).replace("laplacian", "stiffness"))
+    assert "stiffness.data" in older
+    storage.save_arrays(older, written)
+    assert (storage.load(SpectralBasis, written).laplacian != BASIS.laplacian).nnz == 0
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
@@ -77,7 +86,7 @@ def test_a_sparse_matrix_that_names_missing_columns_is_refused(tmp_path: Path):
     broken = SPARSE.copy()
     broken.indices = np.array([0, 1, 99], dtype=np.int32)
     storage.save(Similarity.identity(), tmp_path / "frame.npz")
-    content = {**BASIS.__dict__, "stiffness": broken}
+    content = {**BASIS.__dict__, "laplacian": broken}
     storage.save(SpectralBasis(**content), tmp_path / "basis.npz")
     with pytest.raises(DamagedFile):
         storage.load(SpectralBasis, tmp_path / "basis.npz")

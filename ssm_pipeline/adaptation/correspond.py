@@ -109,7 +109,7 @@ def _least_distorted(
         ended[start] = pose + adapted.offsets
         if len(starts) == 1:
             return ended[start], start
-        bent = distortion(template.vertices, ended[start], template.stiffness)
+        bent = distortion(template.vertices, ended[start], template.laplacian)
         cost[start] = adapted.chamfer() + settings.stiffness * bent
     best = min(cost, key=lambda start: cost[start])
     return ended[best], best
@@ -140,7 +140,7 @@ def _adapted(
     pull: MapPull | None = None,
 ) -> Adapted:
     return adapt(
-        posed, template.faces, template.stiffness, case.vertices, case.faces, settings, seed, pull
+        posed, template.faces, template.laplacian, case.vertices, case.faces, settings, seed, pull
     )
 
 

@@ -20,7 +20,7 @@ def distortion(rest: np.ndarray, moved: np.ndarray, laplacian: sp.csr_matrix) ->
     >>> ball = trimesh.creation.icosphere(3)
     >>> basis = spectral_basis(Mesh(ball.vertices, ball.faces, "ball"))
     >>> turned = basis.vertices[:, [1, 2, 0]] + 5.0
-    >>> bool(distortion(basis.vertices, turned, basis.stiffness) < 1e-12)
+    >>> bool(distortion(basis.vertices, turned, basis.laplacian) < 1e-12)
     True
     """
     entries = laplacian.tocoo()

@@ -37,7 +37,7 @@ def shape_path(
     times = np.linspace(0, 1, settings.path_times)
 
     def adapted(pose: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        found = adapt(pose, template.faces, template.stiffness, goal, case.faces, settings, seed)
+        found = adapt(pose, template.faces, template.laplacian, goal, case.faces, settings, seed)
         return found.offsets
 
     if matcher is None:

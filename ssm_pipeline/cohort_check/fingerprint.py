@@ -30,8 +30,8 @@ def fingerprint(mesh: Mesh) -> dict[str, float]:
     """
     surface = area(mesh.vertices, mesh.faces)
     enclosed = volume(mesh.vertices, mesh.faces)
-    stiffness, mass = robust_laplacian.mesh_laplacian(mesh.vertices / np.sqrt(surface), mesh.faces)
-    eigenvalues, _ = smallest_eigenpairs(stiffness, mass.diagonal(), EIGENVALUES + 1)
+    laplacian, mass = robust_laplacian.mesh_laplacian(mesh.vertices / np.sqrt(surface), mesh.faces)
+    eigenvalues, _ = smallest_eigenpairs(laplacian, mass.diagonal(), EIGENVALUES + 1)
     return {
         "volume_ml": enclosed / 1000,
         "area_cm2": surface / 100,

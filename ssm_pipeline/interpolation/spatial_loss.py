@@ -97,12 +97,10 @@ def _dirichlet(
 ) -> torch.Tensor:
     """trace((Π Y)ᵀ L Π Y)."""
     y_on_x = Y_on_x[-1]
-    return (y_on_x * (shape.stiffness @ y_on_x)).sum()
+    return (y_on_x * (shape.laplacian @ y_on_x)).sum()
 
 
-def _squared(
-    shape: Shape, difference: torch.Tensor, settings: SpatialLossSettings
-) -> torch.Tensor:
+def _squared(shape: Shape, difference: torch.Tensor, settings: SpatialLossSettings) -> torch.Tensor:
     """‖difference‖², (…, V, 3), summed over vertices by area and over times."""
     return settings.vertices * (shape.mass * difference.square().sum(-1)).sum()
 

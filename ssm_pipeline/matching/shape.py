@@ -20,7 +20,7 @@ COORDINATE_SCALE = 3.0  # as network input: they span about ±0.3 at unit area, 
 class Shape:
     """Tensors of one shape, unit area: vertices (V, 3), mass (V,), eigenvalues (K,),
     eigenvectors Φ (V, K), projection Φ† = ΦᵀA (K, V), inputs (V, D) of the feature network,
-    gradients (2V, V) with the x rows above the y rows, stiffness (V, V);
+    gradients (2V, V) with the x rows above the y rows, laplacian (V, V);
     edges (E, 2) directed and their cotangent weights (E,); neighbours (V, R), the one-ring padded
     with the vertex itself.
     """
@@ -33,7 +33,7 @@ class Shape:
     projection: torch.Tensor
     inputs: torch.Tensor
     gradients: SparseMatrix
-    stiffness: SparseMatrix
+    laplacian: SparseMatrix
     edges: torch.Tensor
     edge_weights: torch.Tensor
     neighbours: torch.Tensor
@@ -58,7 +58,7 @@ def to_shape(
     descriptors = wave_kernel_signature(basis.eigenvalues, basis.eigenvectors, settings.descriptors)
     if settings.features == "xyz+wks":
         descriptors = np.concatenate([COORDINATE_SCALE * basis.vertices, descriptors], axis=1)
-    edges, weights = _weighted_edges(basis.stiffness)
+    edges, weights = _weighted_edges(basis.laplacian)
     return Shape(
         case_id=basis.case_id,
         vertices=tensor(basis.vertices),
@@ -68,16 +68,16 @@ def to_shape(
         projection=tensor((basis.eigenvectors * basis.mass[:, None]).T),
         inputs=tensor(descriptors),
         gradients=SparseMatrix(sp.vstack([basis.gradient_x, basis.gradient_y]), device, dtype),
-        stiffness=SparseMatrix(basis.stiffness, device, dtype),
+        laplacian=SparseMatrix(basis.laplacian, device, dtype),
         edges=torch.as_tensor(edges, device=device),
         edge_weights=tensor(weights),
         neighbours=torch.as_tensor(_padded_ring(edges, len(basis.vertices)), device=device),
     )
 
 
-def _weighted_edges(stiffness: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+def _weighted_edges(laplacian: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray]:
     """Edges of the intrinsic Delaunay triangulation, both directions, sorted by their start."""
-    entries = stiffness.tocoo()
+    entries = laplacian.tocoo()
     off_diagonal = entries.row != entries.col
     edges = np.stack([entries.row, entries.col], axis=1)[off_diagonal].astype(np.int64)
     weights = np.maximum(-entries.data[off_diagonal], 0)

@@ -39,7 +39,7 @@ class SpectralBasis:
     """Laplacian eigenpairs and operators of one mesh, centred and scaled to unit area.
 
     eigenvalues (K,) ascending; eigenvectors (V, K), mass-orthonormal; mass (V,) lumped, sum 1;
-    stiffness (V, V) sparse, positive semidefinite; gradient_x, gradient_y (V, V) sparse: the two
+    laplacian (V, V) sparse, positive semidefinite; gradient_x, gradient_y (V, V) sparse: the two
     tangential components of DiffusionNet's per-vertex gradient; frame: unit-area → millimetres.
     """
 
@@ -49,7 +49,7 @@ class SpectralBasis:
     eigenvalues: np.ndarray
     eigenvectors: np.ndarray
     mass: np.ndarray
-    stiffness: sp.csr_matrix
+    laplacian: sp.csr_matrix
     gradient_x: sp.csr_matrix
     gradient_y: sp.csr_matrix
     frame: Similarity
@@ -59,7 +59,7 @@ class SpectralBasis:
             finite = np.isfinite(getattr(self, name))
             if not finite.all():
                 self._refuse(name, int(np.argwhere(~finite)[0][0]))
-        for name in ("stiffness", "gradient_x", "gradient_y"):
+        for name in ("laplacian", "gradient_x", "gradient_y"):
             operator = getattr(self, name)
             if not np.isfinite(operator.data).all():
                 bad = operator.tocoo().row[~np.isfinite(operator.tocoo().data)]

@@ -54,10 +54,10 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> Spec
         surface.centroid(mesh.vertices, mesh.faces),
     )
     vertices = frame.inverse().apply(mesh.vertices)
-    stiffness, mass_matrix = robust_laplacian.mesh_laplacian(vertices, mesh.faces)
+    laplacian, mass_matrix = robust_laplacian.mesh_laplacian(vertices, mesh.faces)
     mass = mass_matrix.diagonal()
     try:
-        eigenvalues, eigenvectors = smallest_eigenpairs(stiffness, mass, count)
+        eigenvalues, eigenvectors = smallest_eigenpairs(laplacian, mass, count)
     except (ArpackError, RuntimeError) as error:  # RuntimeError: SuperLU's "singular"
         raise CaseError(
             mesh.case_id,
@@ -72,7 +72,7 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> Spec
         eigenvalues=eigenvalues,
         eigenvectors=eigenvectors,
         mass=mass,
-        stiffness=stiffness.tocsr(),
+        laplacian=laplacian.tocsr(),
         gradient_x=gradient_x,
         gradient_y=gradient_y,
         frame=frame,
@@ -108,14 +108,14 @@ def _with_unused_vertices(within: SpectralBasis, mesh: Mesh, used: np.ndarray) -
         faces=mesh.faces,
         eigenvectors=within.eigenvectors[nearest],
         mass=mass,
-        stiffness=(place @ within.stiffness @ place.T).tocsr(),
+        laplacian=(place @ within.laplacian @ place.T).tocsr(),
         gradient_x=(place @ within.gradient_x @ place.T).tocsr(),
         gradient_y=(place @ within.gradient_y @ place.T).tocsr(),
     )
 
 
 def smallest_eigenpairs(
-    stiffness: sp.spmatrix, mass: np.ndarray, count: int
+    laplacian: sp.spmatrix, mass: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """The `count` smallest solutions of L φ = λ M φ: (K,) ascending and (V, K), ΦᵀMΦ = I.
 
@@ -124,7 +124,7 @@ def smallest_eigenpairs(
     same machine gives the same bits.
     """
     root = np.sqrt(mass)
-    scaled = sp.diags(1 / root) @ stiffness @ sp.diags(1 / root)
+    scaled = sp.diags(1 / root) @ laplacian @ sp.diags(1 / root)
     scaled = (0.5 * (scaled + scaled.T)).tocsc()
     shift = 1e-6 * scaled.diagonal().mean()  # off the null space, or the factor is singular
     factor = splu(

@@ -23,7 +23,7 @@ def objective_of(pair, samples=3000, stiffness=6.6e-5):
     return AdaptationObjective(
         x.vertices,
         x.faces,
-        x.stiffness,
+        x.laplacian,
         y.vertices,
         y.faces,
         samples,
@@ -73,7 +73,7 @@ def test_the_last_steps_never_raise_the_objective(pair):
 def test_adapting_brings_the_surface_onto_the_case(pair):
     x, y = pair
     settings = AdaptationSettings(samples=8000)
-    offsets = adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings, seed=0).offsets
+    offsets = adapt(x.vertices, x.faces, x.laplacian, y.vertices, y.faces, settings, seed=0).offsets
     moved = x.vertices + offsets
     before = closest_points(x.vertices, y.vertices, y.faces).distances.mean()
     after = closest_points(moved, y.vertices, y.faces).distances.mean()
@@ -84,7 +84,7 @@ def test_adapting_brings_the_surface_onto_the_case(pair):
 def test_a_shape_on_itself_stays(pair):
     x, _ = pair
     settings = AdaptationSettings(samples=8000, steps=3)
-    offsets = adapt(x.vertices, x.faces, x.stiffness, x.vertices, x.faces, settings, seed=0).offsets
+    offsets = adapt(x.vertices, x.faces, x.laplacian, x.vertices, x.faces, settings, seed=0).offsets
     # Two different samples of one surface: it may breathe by a fraction of the sample spacing.
     assert np.linalg.norm(offsets, axis=1).mean() < 0.5 * np.sqrt(1 / 8000)
 
@@ -92,7 +92,7 @@ def test_a_shape_on_itself_stays(pair):
 def test_a_stiff_shape_only_translates(pair):
     x, y = pair
     settings = AdaptationSettings(samples=2000, stiffness=1e3)
-    offsets = adapt(x.vertices, x.faces, x.stiffness, y.vertices, y.faces, settings, seed=0).offsets
+    offsets = adapt(x.vertices, x.faces, x.laplacian, y.vertices, y.faces, settings, seed=0).offsets
     assert np.ptp(offsets, axis=0).max() < 1e-3
 
 

@@ -29,7 +29,7 @@ def test_a_stretch_costs_what_it_must():
     energy = arap_energy(
         shape.vertices[None], 2 * shape.vertices[None], shape.edges, shape.edge_weights
     )
-    expected = 2 * (shape.vertices * (shape.stiffness @ shape.vertices)).sum()
+    expected = 2 * (shape.vertices * (shape.laplacian @ shape.vertices)).sum()
     torch.testing.assert_close(energy[0], expected, rtol=1e-6, atol=0)
 
 

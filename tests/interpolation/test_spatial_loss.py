@@ -89,7 +89,7 @@ def test_terms_equal_the_plain_formulas(pair, net, settings, T):
             expected["symmetry"] += 3 * (area * gaps[1:T].square()).sum() / share
             spread = ((gaps[1:] - gaps[1:].mean(0)) ** 2).sum(0) / (T - 1)
             expected["variance"] += 5 * (area * spread).sum()
-        expected["dirichlet"] += 7 * torch.trace(carried.T @ (shape.stiffness @ carried))
+        expected["dirichlet"] += 7 * torch.trace(carried.T @ (shape.laplacian @ carried))
     for name, value in expected.items():
         value = torch.as_tensor(value, dtype=torch.float64)
         torch.testing.assert_close(terms[name].detach(), value.detach(), rtol=1e-6, atol=1e-8)

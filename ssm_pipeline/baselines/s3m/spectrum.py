@@ -36,13 +36,13 @@ def spectrum(mesh: Mesh, count: int) -> Spectrum:
             f"{count} eigenfunctions. Mesh the case more finely.",
         )
     total = area(mesh.vertices, mesh.faces)
-    stiffness, mass = robust_laplacian.mesh_laplacian(mesh.vertices, mesh.faces)
+    laplacian, mass = robust_laplacian.mesh_laplacian(mesh.vertices, mesh.faces)
     # Solved at unit area, where the spectrum is of order 10 whatever the organ, so that the small
-    # negative shift (the stiffness itself is singular) is small for every organ.
+    # negative shift (the Laplacian itself is singular) is small for every organ.
     diagonal = mass.diagonal() / total
     start = np.sqrt(diagonal) * np.linspace(1, 2, len(diagonal))  # ARPACK's own is random
     values, vectors = eigsh(
-        stiffness.tocsc(), count, M=sp.diags(diagonal, format="csc"), sigma=-1e-2, v0=start
+        laplacian.tocsc(), count, M=sp.diags(diagonal, format="csc"), sigma=-1e-2, v0=start
     )
     order = np.argsort(values)
     return Spectrum(
