@@ -12,6 +12,8 @@ from data_prep.image_files import check_header, check_voxels
 from ssm_pipeline.records import CaseError, Mask
 
 MIN_VOXELS = 64  # a 4 × 4 × 4 block: less is no surface
+FEWEST_SOFT_VALUES = 10  # of fewer, even thin shells may be parts of an organ
+SLICES_LOOKED_AT = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,18 +159,46 @@ def organ_mask(
 
 
 def _refuse_soft_values(image: LabelImage) -> None:
-    """Raise CaseError for values between whole numbers: a probability map, whose label 1 would be
-    its certain voxels alone."""
-    if not np.issubdtype(image.labels.dtype, np.floating):
-        return
-    soft = image.labels[image.labels != np.rint(image.labels)]
-    if len(soft):
+    """Raise CaseError for a probability map, of 0 … 1 or of whole numbers such as 0 … 255, and for
+    a scan: one of its values as a label would be a thin shell, or its certain voxels alone."""
+    if np.issubdtype(image.labels.dtype, np.floating):
+        soft = image.labels[image.labels != np.rint(image.labels)]
+        if len(soft):
+            raise CaseError(
+                image.case_id,
+                f"{len(soft)} voxels hold values between whole numbers (such as {soft[0]:.3g}), as "
+                "probability maps do; labels are whole numbers. Say from which value on a voxel is "
+                "organ (data.threshold, such as 0.5), or export a label image.",
+            )
+    values = soft_values(image.labels)
+    if len(values):
         raise CaseError(
             image.case_id,
-            f"{len(soft)} voxels hold values between whole numbers (such as {soft[0]:.3g}), as "
-            "probability maps do; labels are whole numbers. Say from which value on a voxel is "
-            "organ (data.threshold, such as 0.5), or export a label image.",
+            f"neighbouring voxels mostly differ ({len(values)} values, {values[0]:g} … "
+            f"{values[-1]:g}), as in probability maps and scans; voxels of one label lie together. "
+            f"Of a probability map, say from which value on a voxel is organ (data.threshold, such "
+            f"as {values[-1] / 2:g}); else give a label image.",
         )
+
+
+def soft_values(labels: np.ndarray) -> np.ndarray:
+    """The values of an image (Z, Y, X) that is no label image, though its numbers are whole; none
+    for a label image.
+
+    There are many, and voxels beside each other mostly differ, but for the background and the
+    most certain value. In label images, they differ at borders alone.
+    """
+    few = labels[:: max(1, len(labels) // SLICES_LOOKED_AT)]
+    top = few.max()
+    if float(top) - float(few.min()) < FEWEST_SOFT_VALUES:  # most label images are done here
+        return np.empty(0)
+    one, other = few[..., :-1], few[..., 1:]
+    within = (one != 0) & (other != 0) & ((one != top) | (other != top))
+    differ = (one != other) & within
+    if 2 * np.count_nonzero(differ) <= np.count_nonzero(within):
+        return np.empty(0)
+    values = np.unique(few[few != 0])
+    return values if len(values) >= FEWEST_SOFT_VALUES else np.empty(0)
 
 
 def read_mask(

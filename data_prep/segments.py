@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,9 @@ def read_segments(
 ) -> Mask:
     """The union of the named segments as a Mask. Upper and lower case count as the same.
 
+    Of several the mask keeps which voxel has which, 1 … in the order of the names; where they
+    overlap, the first.
+
     threshold  for fractional DICOM SEG: a voxel above it is organ.
     Raises     CaseError for a damaged file, one without names, or a segment that is not there.
     """
@@ -49,9 +53,13 @@ def read_segments(
         select_labels(image, (value,), name, threshold=threshold)
         for name, (image, value) in zip(names, chosen, strict=True)
     ]
-    voxels = np.any([mask.voxels for mask in masks], axis=0) if len(masks) > 1 else masks[0].voxels
-    named = " + ".join(names)
-    return organ_mask(chosen[0][0], voxels, named, allow_truncated)
+    if len(masks) == 1:
+        return organ_mask(chosen[0][0], masks[0].voxels, names[0], allow_truncated)
+    parts = np.zeros(masks[0].voxels.shape, np.int32)
+    for number, mask in reversed(list(enumerate(masks, start=1))):
+        parts[mask.voxels] = number
+    whole = organ_mask(chosen[0][0], parts > 0, " + ".join(names), allow_truncated)
+    return replace(whole, labels=parts)
 
 
 def read_slicer_segments(path: Path, case_id: str) -> Segments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -131,6 +132,26 @@ def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_ma
     assert checked.code == 1
     assert "case ball_0" in checked.stdout
     assert "label" in checked.stdout
+
+
+def test_check_names_excluded_cases_with_their_reason_and_broken_files(
+    workflow: Workflow, sphere_masks: Path
+):
+    workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
+    whole = (sphere_masks / "ball_1.nii.gz").read_bytes()
+    (sphere_masks / "ball_9.nii.gz").write_bytes(whole[: len(whole) // 2])
+    checked = workflow("check", "balls", "--set", "data.exclude={ball_0: motion}")
+    assert checked.code == 1  # a file that can't be read is not passed over
+    assert "case ball_0: excluded: motion" in checked.stdout
+    assert re.search(r"case ball_9: .*ball_9\.nii\.gz", checked.stdout)
+    assert "3 of 4 can be read" in checked.stdout
+    both = workflow("check", "balls", "--set", "data.exclude={ball_9: cut off}")
+    assert both.code == 0, both.stdout
+    assert "case ball_9: excluded: cut off" in both.stdout
+    assert "4 of 4 can be read" in both.stdout
+    unknown = workflow("check", "balls", "--set", "data.exclude={ball_7: motion}")
+    assert unknown.code == 1
+    assert "data.exclude: there is no case ball_7" in unknown.stderr
 
 
 @pytest.fixture

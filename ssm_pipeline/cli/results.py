@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -69,6 +69,14 @@ def fit(
         list[int] | None,
         typer.Option("--label", help="Label in the masks; the study's own.", show_default=False),
     ] = None,
+    segment: Annotated[
+        list[str] | None,
+        typer.Option("--segment", help="Its name, in .seg.nrrd and DICOM SEG.", show_default=False),
+    ] = None,
+    unit: Annotated[
+        Literal["mm", "cm", "m"] | None,
+        typer.Option(help="Of surfaces; the study's own.", show_default=False),
+    ] = None,
     mirror: Annotated[
         bool, typer.Option("--mirror", help="Reflect them, as data.mirror does with one side.")
     ] = False,
@@ -78,10 +86,11 @@ def fit(
     from ssm_pipeline.commands.fit_patients import fit_patients
     from ssm_pipeline.engine.process import default_jobs
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.new_patient import HowToRead
 
     terminal = Terminal()
-    jobs = jobs or default_jobs()
-    fit_patients(run_folder, patients, folder, by, tuple(label or ()), mirror, jobs, terminal)
+    how = HowToRead(tuple(label or ()), tuple(segment or ()), unit, mirror)
+    fit_patients(run_folder, patients, folder, by, how, jobs or default_jobs(), terminal)
     terminal.say(f"page: {folder / 'index.html'}")
 
 

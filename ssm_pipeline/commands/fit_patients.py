@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,17 @@ from ssm_pipeline.fitting.cross_validation import FEWEST_CASES, CrossValidation,
 from ssm_pipeline.fitting.partial import opened_at_image_border
 from ssm_pipeline.fitting.patient import FitReport, fit_patient
 from ssm_pipeline.geometry.surface import volume
-from ssm_pipeline.records import CaseError, CorrespondedShapes, Mask, Mesh, StudyError, Surface
+from ssm_pipeline.records import (
+    CaseError,
+    CorrespondedShapes,
+    Correspondence,
+    Mask,
+    Mesh,
+    StudyError,
+    Surface,
+)
 from ssm_pipeline.stages.run import Run, load_run
-from ssm_pipeline.study.new_patient import read_patient
+from ssm_pipeline.study.new_patient import AS_THE_STUDY, HowToRead, read_patient
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_run_settings
 
@@ -30,12 +38,13 @@ def fit_patients(
     files: Sequence[Path],
     folder: Path,
     by: str = "model",
-    labels: tuple[int, ...] = (),
-    mirror: bool = False,
+    how: HowToRead = AS_THE_STUDY,
     jobs: int = 1,
     terminal: Terminal | None = None,
 ) -> list[FitReport]:
     """Fit every file, and write tables, surfaces and a page to `folder`.
+
+    how  the files are read, where not as the study reads its own.
 
     A file that can't be read is said so and left out. Raises StudyError where none is left.
     """
@@ -49,8 +58,8 @@ def fit_patients(
     fits: list[FitReport] = []
     for path in files:
         try:
-            surface = patient_surface(read_patient(path, settings.data, labels, mirror), settings)
-            matched = _matched(run, settings, surface, terminal) if by == "matcher" else None
+            surface = patient_surface(read_patient(path, settings.data, how), settings)
+            matched = _matched(run, settings, surface) if by == "matcher" else None
             fit = fit_patient(
                 run.model,
                 shapes,
@@ -135,12 +144,12 @@ def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
     return opened_at_image_border(mesh, patient, margin)
 
 
-def _matched(run: Run, settings: StudySettings, surface: Mesh, terminal: Terminal) -> np.ndarray:
+def _matched(run: Run, settings: StudySettings, surface: Mesh) -> np.ndarray:
     """(V, 3) mm: the surface where the template's vertices are, by the network, adaptation, and the
-    study's groupwise rounds. Raises CaseError for an open surface."""
+    study's groupwise rounds, of the run's own cases. Raises CaseError for an open surface."""
     from ssm_pipeline.adaptation.correspond import correspond, correspond_again
     from ssm_pipeline.geometry.topology import is_oriented_manifold
-    from ssm_pipeline.shape_model.groupwise import placed_means
+    from ssm_pipeline.shape_model.groupwise import groupwise_rounds
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.training.matcher import load_matcher
 
@@ -152,22 +161,29 @@ def _matched(run: Run, settings: StudySettings, surface: Mesh, terminal: Termina
     matcher_file = run.folder / "training" / "matcher.pt"
     if not matcher_file.is_file():
         raise StudyError(f"{run.folder} has no trained matcher. Fit --by model.")
+    shapes = run.shapes
+    if surface.case_id in shapes.case_ids:  # a case of the model, fitted as if it were new
+        surface = Mesh(surface.vertices, surface.faces, f"{surface.case_id}, fitted again")
     template = spectral_basis(run.mesh(run.template_id), settings.spectral)
-    case = spectral_basis(surface, settings.spectral)
-    match = correspond(template, case, load_matcher(matcher_file), settings.adaptation)
-    points = match.points_on(surface)
-    for _ in range(settings.groupwise.rounds):
-        with_patient = CorrespondedShapes(
-            np.concatenate([run.shapes.vertices, points[None]]),
-            run.shapes.faces,
-            (*run.shapes.case_ids, surface.case_id),
-            run.shapes.template_id,
-        )
-        laid_on = settings.groupwise.laid_on
-        start = placed_means(with_patient, run.shapes.case_ids, laid_on)[surface.case_id]
-        again = correspond_again(start, template, case, settings.adaptation)
-        points = again.points_on(surface)
-    return points
+    patient = spectral_basis(surface, settings.spectral)
+    match = correspond(
+        template, patient, load_matcher(matcher_file), settings.adaptation, seed=settings.seed
+    )
+
+    def match_patient(number: int, starts: Mapping[str, np.ndarray]) -> list[Correspondence]:
+        start = starts[surface.case_id]
+        return [correspond_again(start, template, patient, settings.adaptation, settings.seed)]
+
+    with_patient = CorrespondedShapes(
+        np.concatenate([shapes.vertices, match.points_on(surface)[None]]),
+        shapes.faces,
+        (*shapes.case_ids, surface.case_id),
+        shapes.template_id,
+    )
+    rounds = settings.groupwise
+    return groupwise_rounds(
+        with_patient, [surface], rounds, match_patient, mean_of=shapes.case_ids
+    ).vertices[-1]
 
 
 def _refuse_doubled(files: Sequence[Path]) -> None:

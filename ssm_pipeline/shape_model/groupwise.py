@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
 
@@ -10,7 +11,6 @@ import numpy as np
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.correspondence import points_on_cases
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
 
 MatchStarts = Callable[[int, Mapping[str, np.ndarray]], Sequence[Correspondence]]
@@ -25,13 +25,18 @@ def groupwise_rounds(
 ) -> CorrespondedShapes:
     """The shapes after `settings.rounds` rounds of matching the mean, in the template's place.
 
-    shapes, meshes  in the same order, each in its own millimetres.
-    match           (round from 1, case → (V, 3) mm start) → the correspondences, in that order.
-    mean_of         the cases that the means are made of; None: all.
+    shapes   each in its own millimetres.
+    meshes   of the cases that `match` matches, in its order.
+    match    (round from 1, case → (V, 3) mm start) → correspondences, of all cases or of some: the
+             others stay as they are.
+    mean_of  the cases that the means are made of; None: all.
     """
     for number in range(1, settings.rounds + 1):
         matches = match(number, placed_means(shapes, mean_of, settings.laid_on))
-        shapes = points_on_cases(matches, meshes, shapes.faces)
+        vertices = np.array(shapes.vertices)
+        for found, mesh in zip(matches, meshes, strict=True):
+            vertices[shapes.case_ids.index(found.case_id)] = found.points_on(mesh)
+        shapes = dataclasses.replace(shapes, vertices=vertices)
     return shapes
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from data_prep.image_files import SUFFIXES as IMAGE_SUFFIXES
 from data_prep.image_files import image_stem, image_suffix
@@ -12,18 +14,33 @@ from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
 from ssm_pipeline.study.sources import DataSettings, Luna16Data, MaskFolderData, MeshFolderData
 
 
-def read_patient(
-    path: Path, data: DataSettings, labels: tuple[int, ...] = (), mirror: bool = False
-) -> Mask | Surface:
+@dataclass(frozen=True)
+class HowToRead:
+    """What is other about a patient's file than about the study's own.
+
+    labels    of the organ: another program's numbers, or the other side.
+    segments  its names, in a .seg.nrrd or DICOM SEG.
+    unit      of a surface.
+    mirror    reflected left to right, as a study with data.mirror does with one of the sides.
+    """
+
+    labels: tuple[int, ...] = ()
+    segments: tuple[str, ...] = ()
+    unit: Literal["mm", "cm", "m"] | None = None
+    mirror: bool = False
+
+
+AS_THE_STUDY = HowToRead()
+
+
+def read_patient(path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY) -> Mask | Surface:
     """A mask with the study's labels or segments selected, or a surface as it is, in millimetres.
 
-    labels  in place of the study's own: another program's numbers, or the other side.
-    mirror  reflected left to right, as a study with data.mirror does with one of the sides.
     Raises  CaseError for a file that can't be read or lacks the organ; StudyError where the study
             does not say which labels a mask should have.
     """
-    patient = _read(path, data, labels)
-    if mirror:
+    patient = _read(path, data, how)
+    if how.mirror:
         from data_prep.sides import reflect
 
         return reflect(patient)
@@ -45,21 +62,27 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
     )
 
 
-def _read(path: Path, data: DataSettings, labels: tuple[int, ...]) -> Mask | Surface:
+def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
     if path.suffix.lower() in SURFACE_SUFFIXES:
         from data_prep.surface_folder import read_surface
 
-        if isinstance(data, MeshFolderData):
-            return read_surface(path, path.stem, data.unit, data.space)
-        return read_surface(path, path.stem)
+        meshes = data if isinstance(data, MeshFolderData) else None
+        unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
+        return read_surface(path, path.stem, how.unit or unit, space)
     masks = data if isinstance(data, MaskFolderData) else None
     threshold = masks.threshold if masks else None
-    if masks and masks.segments and not labels and is_segmentation(path):
+    own = masks.segments if masks and not how.labels else ()
+    if (segments := how.segments or own) and is_segmentation(path):
         from data_prep.segments import read_segments
 
-        stem = image_stem(path)
-        return read_segments(path, masks.segments, stem, threshold=threshold)
+        return read_segments(path, segments, image_stem(path), threshold=threshold)
+    if how.segments:
+        raise CaseError(
+            path.name, "its segments have no names; a .seg.nrrd or DICOM SEG does. Pass --label."
+        )
     if image_suffix(path) is None:
+        if path.is_file() and is_segmentation(path):
+            raise CaseError(path.name, "this is a DICOM SEG. Name its segment: --segment NAME.")
         raise CaseError(
             path.name,
             f"this is neither a label image ({', '.join(IMAGE_SUFFIXES)}) nor a surface "
@@ -68,5 +91,5 @@ def _read(path: Path, data: DataSettings, labels: tuple[int, ...]) -> Mask | Sur
     from data_prep.images import read_mask
 
     organ = masks.organ if masks else "organ"
-    chosen = labels or labels_of(data)
+    chosen = how.labels or labels_of(data)
     return read_mask(path, chosen, image_stem(path), organ, threshold=threshold)

@@ -105,7 +105,9 @@ class MaskFolderData(FolderData):
 
     @property
     def has_parts(self) -> bool:
-        return len(set(self.labels)) > 1 and not self.segments and self.threshold is None
+        if self.segments:
+            return len(set(self.segments)) > 1
+        return len(set(self.labels)) > 1 and self.threshold is None
 
     def find(self, run_folder: Path) -> Cohort:
         from data_prep import mask_folder

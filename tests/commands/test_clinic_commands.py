@@ -21,12 +21,13 @@ import pyvista
 import SimpleITK as sitk
 import trimesh
 from command_line import Workflow
+from seg_files import write_dicom_seg, write_seg_nrrd
 from tiny_study import write_balls
 
 from ssm_pipeline import load_run
 from ssm_pipeline.commands.import_model import import_model
 from ssm_pipeline.geometry.surface import area, volume
-from ssm_pipeline.records import CorrespondedShapes
+from ssm_pipeline.records import CorrespondedShapes, Mask
 from ssm_pipeline.report.landmarks import landmarks_from_markups
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
@@ -105,6 +106,38 @@ def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Pa
     middle = pyvista.read("fits/whole/reconstruction.vtp").points.mean(axis=0)
     np.testing.assert_allclose(middle, [133.0, -14.0, 742.0], atol=3)
     assert "whole" in Path("fits/index.html").read_text(encoding="utf-8")
+
+
+def test_a_patient_is_read_from_segments_by_name_and_surfaces_in_metres(
+    workflow: Workflow, run: Path
+):
+    in_an_image(run, Path("whole.nii.gz"))
+    image = sitk.ReadImage("whole.nii.gz")
+    mask = Mask(
+        sitk.GetArrayFromImage(image) == 3,
+        np.array(image.GetSpacing()),
+        np.array(image.GetOrigin()),
+        np.eye(3),
+        "whole",
+    )
+    write_dicom_seg(Path("seg.dcm"), mask, {"organ": mask.voxels})
+    write_seg_nrrd(Path("slicer.seg.nrrd"), mask, {"organ": mask.voxels})
+    words = ("seg.dcm", "slicer.seg.nrrd", "whole.nii.gz", "--out", "fits", "--jobs", "1")
+    said = workflow("fit", str(run), *words, "--segment", "organ")
+    assert said.code == 0, said.stderr
+    assert "left out whole.nii.gz: its segments have no names" in said.stdout
+    table = pd.read_csv("fits/fits.csv").set_index("case_id")
+    # The last digits of the headers differ, and from those on reduction chooses other triangles.
+    assert table.loc["seg", "mean_mm"] == pytest.approx(table.loc["slicer", "mean_mm"], abs=0.05)
+    unnamed = workflow("fit", str(run), "seg.dcm", "--out", "other")
+    assert "left out seg.dcm: this is a DICOM SEG. Name its segment" in unnamed.stdout
+    model = load_run(run).model
+    trimesh.Trimesh(model.reconstruct([0.5]) / 1000, model.faces).export("metres.stl")
+    unsaid = workflow("fit", str(run), "metres.stl", "--out", "other")
+    assert "metres? Set data.unit to m" in unsaid.stdout
+    said = workflow("fit", str(run), "metres.stl", "--unit", "m", "--out", "other", "--jobs", "1")
+    assert said.code == 0, said.stderr
+    assert pd.read_csv("other/fits.csv")["mean_mm"][0] < 1.0
 
 
 def test_by_matcher_the_template_is_laid_on_the_patient(

@@ -241,3 +241,34 @@ def test_a_probability_map_is_asked_for_its_threshold(tmp_path: Path) -> None:
     assert mask.voxels.sum() == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.02)  # a voxelised ball
     with pytest.raises(CaseError, match="largest value is 1"):
         read_mask(path, (1,), "a", threshold=2.0)
+
+
+@pytest.mark.parametrize("largest", [100, 255])
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.float32])
+def test_a_probability_map_of_whole_numbers_is_asked_for_its_threshold(
+    tmp_path: Path, largest: int, kind: type
+) -> None:
+    z, y, x = np.indices((24, 24, 24)) - 12.0
+    values = np.clip(1.5 - np.sqrt(x**2 + y**2 + z**2) / 8, 0, 1)
+    path = write(tmp_path / "soft.nii.gz", np.rint(largest * values).astype(kind))
+    for label in (1, largest):  # its rim; its certain voxels
+        with pytest.raises(CaseError, match=rf" … {largest}\).*threshold, such as {largest // 2}"):
+            read_mask(path, (label,), "a")
+    mask = read_mask(path, (1,), "a", threshold=largest / 2)
+    assert mask.voxels.sum() == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.03)
+
+
+def test_a_scan_is_no_label_image(tmp_path: Path) -> None:
+    scan = np.random.default_rng(0).normal(40, 20, (20, 20, 20)).astype(np.int16)
+    with pytest.raises(CaseError, match="as in probability maps and scans"):
+        read_mask(write(tmp_path / "ct.nii.gz", scan), (40,), "a")
+
+
+def test_many_labels_are_labels_however_small(tmp_path: Path) -> None:
+    """A hundred organs of 3 × 3 × 3 voxels that touch: one pair in three differs."""
+    blocks = np.arange(1, 126).reshape(5, 5, 5)
+    labels = np.kron(blocks, np.ones((3, 3, 3))).astype(np.uint8)
+    labels[:, :, :6] = 7  # one organ of a size that can be read
+    assert read_mask(write(tmp_path / "a.nii.gz", labels), (7,), "a").voxels.sum() == 15 * 15 * 6
+    two = np.where(labels % 2, 0, 255).astype(np.uint8)  # a mask as some programs write it
+    assert read_mask(write(tmp_path / "b.nii.gz", two), (255,), "b").voxels.any()

@@ -11,7 +11,11 @@ from seg_files import write_dicom_seg, write_seg_nrrd
 
 from data_prep.mask_folder import find_cases
 from data_prep.segments import read_segments
-from ssm_pipeline.records import CaseError, Mask, StudyError
+from ssm_pipeline import storage
+from ssm_pipeline.meshing.settings import MeshingSettings
+from ssm_pipeline.records import CaseError, Mask, Mesh, StudyError, SurfaceLabels
+from ssm_pipeline.stages.meshing import mesh_case
+from ssm_pipeline.study.sources import MaskFolderData
 
 DIRECTION = Rotation.from_euler("zyx", [25, -15, 40], degrees=True).as_matrix()
 
@@ -48,6 +52,10 @@ def test_a_segment_lies_where_it_was_written(tmp_path: Path, kind: str) -> None:
         assert found.warnings == ()
     both = read_segments(path, tuple(segments), "a")
     assert both.voxels.sum() == np.logical_or(*segments.values()).sum()
+    # Which part a voxel is of: where both are, the first named.
+    assert both.labels is not None
+    assert (both.labels == 1).sum() == segments["liver"].sum()
+    assert ((both.labels > 0) == both.voxels).all()
     assert read_segments(path, ("LIVER",), "a").voxels.sum() == segments["liver"].sum()
 
 
@@ -80,6 +88,25 @@ def test_a_fractional_dicom_seg_is_asked_for_its_threshold(tmp_path: Path) -> No
         read_segments(path, ("liver",), "a")
     found = read_segments(path, ("liver",), "a", threshold=0.5)
     assert found.voxels.sum() == (soft > 0.5).sum()
+
+
+def test_two_segments_are_the_parts_of_the_surface(tmp_path: Path) -> None:
+    """As two labels are: the study carries their border from case to case as truth."""
+    labels = np.zeros((24, 24, 24), np.uint8)
+    labels[4:12, 4:20, 4:20], labels[12:20, 4:20, 4:20] = 1, 2
+    mask = Mask(labels > 0, np.ones(3), np.zeros(3), np.eye(3), "a")
+    write_seg_nrrd(tmp_path / "a.seg.nrrd", mask, {"lower": labels == 1, "upper": labels == 2})
+    data = MaskFolderData(folder=tmp_path, segments=("lower", "upper"))
+    assert data.has_parts
+    assert not MaskFolderData(folder=tmp_path, segments=("lower",)).has_parts
+    (case,) = data.find(tmp_path).cases
+    mesh_case(case, MeshingSettings(faces=400), tmp_path)
+    mesh = storage.load(Mesh, tmp_path / "mesh.npz")
+    parts = storage.load(SurfaceLabels, tmp_path / "labels.npz")
+    # The border lies at z = 11.5, smoothed over a voxel or two.
+    away = np.abs(mesh.vertices[:, 2] - 11.5) > 2
+    expected = np.where(mesh.vertices[:, 2] < 11.5, 1, 2)
+    np.testing.assert_array_equal(parts.labels[away], expected[away])
 
 
 def test_one_folder_a_patient(tmp_path: Path) -> None:

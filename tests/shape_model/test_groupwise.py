@@ -8,7 +8,8 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 from ssm_pipeline.shape_model.correspondence import collect, points_on_cases
-from ssm_pipeline.shape_model.groupwise import placed_means
+from ssm_pipeline.shape_model.groupwise import groupwise_rounds, placed_means
+from ssm_pipeline.shape_model.settings import GroupwiseSettings
 
 
 def moved(generator: np.random.Generator) -> Similarity:
@@ -75,6 +76,29 @@ def test_a_round_takes_out_what_slid_along_the_surface():
         for p in (slid, after.vertices)
     ]
     assert error[1] < 0.6 * error[0]
+
+
+def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort):
+    """A new patient among the cohort: its start is the cohort's mean, and it alone is matched."""
+    seen = []
+
+    def to_first_corner(number, starts):
+        seen.append((number, starts["d"]))
+        count = len(cohort.vertices[0])
+        corner = np.tile([1.0, 0, 0], (count, 1))
+        faces = np.full(count, number)  # all points to one place: it must be the mesh's own
+        return [Correspondence("b", "d", faces, corner, faces, starts["d"])]
+
+    mesh = Mesh(cohort.vertices[3], cohort.faces, "d")
+    rounds = GroupwiseSettings(rounds=2)
+    after = groupwise_rounds(cohort, [mesh], rounds, to_first_corner, mean_of="abc")
+    np.testing.assert_array_equal(after.vertices[:3], cohort.vertices[:3])
+    np.testing.assert_array_equal(
+        after.vertices[3], np.broadcast_to(mesh.vertices[mesh.faces[2, 0]], mesh.vertices.shape)
+    )
+    assert [number for number, _ in seen] == [1, 2]
+    np.testing.assert_array_equal(seen[0][1], placed_means(cohort, "abc")["d"])
+    assert (after.case_ids, after.template_id) == (cohort.case_ids, "b")
 
 
 def test_the_template_keeps_its_vertices_in_pairwise_matches_only():
