@@ -17,7 +17,7 @@ import numpy as np
 from data_prep.phantom_settings import PhantomSettings
 from data_prep.smooth_phantoms import draw
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
-from ssm_pipeline.adaptation.objective import AdaptationObjective
+from ssm_pipeline.adaptation.objective import AdaptationObjective, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.adaptation.vector_adam import vector_adam
 from ssm_pipeline.records import Mesh, PhantomTruth
@@ -33,19 +33,17 @@ def main() -> None:
     parser.add_argument("--adam-steps", type=int, default=1000)
     parser.add_argument("--learning-rate", type=float, default=1e-3)
     arguments = parser.parse_args()
+    settings = AdaptationSettings(samples=arguments.samples)
     truth, _ = draw(PhantomSettings(cases=2))
     x, y = (
         spectral_basis(reduced(truth, case, arguments.vertices), SpectralSettings(eigenpairs=10))
         for case in (0, 1)
     )
     objective = AdaptationObjective(
-        x.vertices,
-        x.faces,
+        Triangles(x.vertices, x.faces),
         x.laplacian,
-        y.vertices,
-        y.faces,
-        arguments.samples,
-        settings.stiffness,
+        Triangles(y.vertices, y.faces),
+        settings,
         np.random.default_rng(0),
     )
     start = time.perf_counter()

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
-from ssm_pipeline.adaptation.objective import AdaptationObjective, MapPull
+from ssm_pipeline.adaptation.objective import AdaptationObjective, MapPull, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 
 
@@ -25,11 +25,9 @@ class Adapted:
 
 
 def adapt(
-    vertices: np.ndarray,
-    faces: np.ndarray,
+    x: Triangles,
     laplacian: sp.csr_matrix,
-    target_vertices: np.ndarray,
-    target_faces: np.ndarray,
+    y: Triangles,
     settings: AdaptationSettings,
     seed: int,
     pull: MapPull | None = None,
@@ -41,16 +39,7 @@ def adapt(
     Source: Cao et al. 2024, Eq. 15, with the balance of
     AdaptationSettings.stiffness and Gauss–Newton in place of VectorAdam.
     """
-    objective = AdaptationObjective(
-        vertices,
-        faces,
-        laplacian,
-        target_vertices,
-        target_faces,
-        settings.samples,
-        settings.stiffness,
-        np.random.default_rng(seed),
-        pull,
-    )
+    generator = np.random.default_rng(seed)
+    objective = AdaptationObjective(x, laplacian, y, settings, generator, pull)
     offsets, _ = gauss_newton(objective, settings.steps, settings.tangential)
     return Adapted(offsets, objective)

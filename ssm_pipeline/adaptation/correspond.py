@@ -9,7 +9,7 @@ import numpy as np
 from ssm_pipeline.adaptation.adapt import Adapted, adapt
 from ssm_pipeline.adaptation.carried_onto import carried_onto
 from ssm_pipeline.adaptation.distortion import distortion
-from ssm_pipeline.adaptation.objective import MapPull
+from ssm_pipeline.adaptation.objective import MapPull, Triangles
 from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.rigid import best_similarity
@@ -139,9 +139,8 @@ def _adapted(
     seed: int,
     pull: MapPull | None = None,
 ) -> Adapted:
-    return adapt(
-        posed, template.faces, template.laplacian, case.vertices, case.faces, settings, seed, pull
-    )
+    moved, target = Triangles(posed, template.faces), Triangles(case.vertices, case.faces)
+    return adapt(moved, template.laplacian, target, settings, seed, pull)
 
 
 def _carried_onto(

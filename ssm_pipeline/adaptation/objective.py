@@ -8,7 +8,16 @@ import numpy as np
 import scipy.sparse as sp
 from pykdtree.kdtree import KDTree
 
+from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.surface import face_normals, sample_surface
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A surface at unit area: vertices (V, 3), faces (F, 3)."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,31 +50,27 @@ class MapPull:
 class AdaptationObjective:
     """Fixed even samples on both surfaces; those of X move with its vertices.
 
-    vertices (V, 3), faces: the surface X to be moved, unit area; laplacian (V, V) sparse: the
-    template's; target_vertices, target_faces: Y; stiffness: see AdaptationSettings.
+    x the surface to be moved; laplacian (V, V) sparse: its template's; y the one it is moved to.
     """
 
     def __init__(
         self,
-        vertices: np.ndarray,
-        faces: np.ndarray,
+        x: Triangles,
         laplacian: sp.csr_matrix,
-        target_vertices: np.ndarray,
-        target_faces: np.ndarray,
-        samples: int,
-        stiffness: float,
+        y: Triangles,
+        settings: AdaptationSettings,
         generator: np.random.Generator,
         pull: MapPull | None = None,
     ) -> None:
-        self.vertices, self.faces, self.pull = vertices, faces, pull
-        self.laplacian, self.stiffness = laplacian, stiffness
-        self.face, self.weights = sample_surface(vertices, faces, samples, generator)
+        self.vertices, self.faces, self.pull = x.vertices, x.faces, pull
+        self.laplacian, self.stiffness = laplacian, settings.stiffness
+        self.face, self.weights = sample_surface(x.vertices, x.faces, settings.samples, generator)
         target_face, target_weights = sample_surface(
-            target_vertices, target_faces, samples, generator
+            y.vertices, y.faces, settings.samples, generator
         )
-        corners = target_vertices[target_faces[target_face]]
+        corners = y.vertices[y.faces[target_face]]
         self.target = np.einsum("sc,scd->sd", target_weights, corners)
-        normals = face_normals(target_vertices, target_faces)[target_face]
+        normals = face_normals(y.vertices, y.faces)[target_face]
         self.target_normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self.target_tree = KDTree(self.target)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ssm_pipeline.adaptation.adapt import adapt
+from ssm_pipeline.adaptation.objective import Triangles
 from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.similarity import Similarity
@@ -37,8 +38,8 @@ def shape_path(
     times = np.linspace(0, 1, settings.path_times)
 
     def adapted(pose: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        found = adapt(pose, template.faces, template.laplacian, goal, case.faces, settings, seed)
-        return found.offsets
+        moved, target = Triangles(pose, template.faces), Triangles(goal, case.faces)
+        return adapt(moved, template.laplacian, target, settings, seed).offsets
 
     if matcher is None:
         pose = rigidly_aligned(template, case, seed)

@@ -15,6 +15,8 @@ as many vertices.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -25,6 +27,23 @@ from ssm_pipeline.geometry.topology import directed_edges, opposite_edges
 
 STRIPS = 5  # triangles unfolded beyond a vertex's own ring; error and time balanced by measurement
 _CHUNK = 256  # sources a Dijkstra call: bounds the dense block to 256 × V numbers
+
+
+class _Windows(NamedTuple):
+    """What sources see through edges a → b, (W,) each.
+
+    In the plane of the unfolded strip a is the origin, b lies on the positive x axis, the source
+    below it (y < 0), at `seen_from` (W, 2); the window is the interval [low, high] of that axis.
+    """
+
+    edge: np.ndarray
+    source: np.ndarray
+    seen_from: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def where(self, kept: np.ndarray) -> _Windows:
+        return _Windows(*(part[kept] for part in self))
 
 
 def straight_line_graph(
@@ -42,32 +61,25 @@ def straight_line_graph(
     lengths = np.maximum(lengths, 1e-12 * lengths.max())  # vertices in the same place are two
 
     rows, columns, weights = [halfedges[:, 0]], [halfedges[:, 1]], [lengths]
-    # A window is what a source sees through an edge a → b. In the plane of the unfolded strip a is
-    # the origin, b lies on the positive x axis, the source below it (y < 0); the window is the
-    # interval [low, high] of that axis.
     edge = np.arange(len(halfedges))
-    source = opposite
-    seen_from = _apex(vertices, halfedges, opposite, lengths, edge) * [1, -1]
-    low, high = np.zeros(len(edge)), lengths.copy()
+    below = _apex(vertices, halfedges, opposite, lengths, edge) * [1, -1]
+    windows = _Windows(edge, opposite, below, np.zeros(len(edge)), lengths.copy())
     for _ in range(strips):
-        twin = across[edge]
-        open_ahead = (twin >= 0) & (high - low > 1e-12 * lengths[edge])
-        edge, twin = edge[open_ahead], twin[open_ahead]
-        source, seen_from = source[open_ahead], seen_from[open_ahead]
-        low, high = low[open_ahead], high[open_ahead]
+        width = windows.high - windows.low
+        open_ahead = (across[windows.edge] >= 0) & (width > 1e-12 * lengths[windows.edge])
+        windows = windows.where(open_ahead)
+        twin, seen_from = across[windows.edge], windows.seen_from
         # The twin runs b → a, so its triangle's apex is mirrored along x.
         apex = _apex(vertices, halfedges, opposite, lengths, twin)
-        apex[:, 0] = lengths[edge] - apex[:, 0]
+        apex[:, 0] = lengths[windows.edge] - apex[:, 0]
         crossing = seen_from[:, 0] + (apex[:, 0] - seen_from[:, 0]) * (
             -seen_from[:, 1] / (apex[:, 1] - seen_from[:, 1])
         )
-        seen = (crossing >= low) & (crossing <= high)
-        rows.append(source[seen])
+        seen = (crossing >= windows.low) & (crossing <= windows.high)
+        rows.append(windows.source[seen])
         columns.append(opposite[twin[seen]])
         weights.append(np.linalg.norm(apex - seen_from, axis=1)[seen])
-        edge, source, seen_from, low, high = _through(
-            twin, source, seen_from, low, high, apex, crossing, lengths, len(faces)
-        )
+        windows = _through(windows._replace(edge=twin), apex, crossing, lengths)
     return _symmetric_minimum(
         np.concatenate(rows), np.concatenate(columns), np.concatenate(weights), len(vertices)
     )
@@ -181,22 +193,16 @@ def _apex(
 
 
 def _through(
-    twin: np.ndarray,
-    source: np.ndarray,
-    seen_from: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    apex: np.ndarray,
-    crossing: np.ndarray,
-    lengths: np.ndarray,
-    face_count: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    windows: _Windows, apex: np.ndarray, crossing: np.ndarray, lengths: np.ndarray
+) -> _Windows:
     """The windows on the two far edges of the triangle beyond each window.
 
-    The twin runs b → a; its triangle's next halfedge a → apex, the one after apex → b.
+    `windows.edge` is the twin b → a; its triangle's next halfedge a → apex, the one after
+    apex → b. crossing (W,): where the line from source to apex meets the window's axis.
     """
-    count = 3 * face_count
-    after, before = (twin + face_count) % count, (twin + 2 * face_count) % count
+    twin, source, seen_from, low, high = windows
+    count = len(lengths)
+    after, before = (twin + count // 3) % count, (twin + 2 * count // 3) % count
     origin = np.zeros_like(apex)
     far_end = np.stack([lengths[twin], np.zeros(len(twin))], axis=1)
     pieces = []
@@ -220,16 +226,9 @@ def _through(
             for bound in (start, stop)
         ]
         keep = (stop > start) & (moved[:, 1] < 0)
-        pieces.append(
-            tuple(
-                part[keep]
-                for part in (halfedge, source, moved, np.minimum(*ends), np.maximum(*ends))
-            )
-        )
-    edge, source, seen_from, low, high = (
-        np.concatenate(parts) for parts in zip(*pieces, strict=True)
-    )
-    return edge, source, seen_from, low, high
+        found = _Windows(halfedge, source, moved, np.minimum(*ends), np.maximum(*ends))
+        pieces.append(found.where(keep))
+    return _Windows(*(np.concatenate(parts) for parts in zip(*pieces, strict=True)))
 
 
 def _project(

@@ -6,7 +6,7 @@ from shapes import basis_of, blob
 from ssm_pipeline.adaptation.adapt import adapt
 from ssm_pipeline.adaptation.correspond import correspond
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
-from ssm_pipeline.adaptation.objective import AdaptationObjective
+from ssm_pipeline.adaptation.objective import AdaptationObjective, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.adaptation.vector_adam import vector_adam
 from ssm_pipeline.geometry.closest_point import closest_points
@@ -18,16 +18,17 @@ def pair():
     return basis_of(blob(1)), basis_of(blob(2))
 
 
+def triangles(basis):
+    return Triangles(basis.vertices, basis.faces)
+
+
 def objective_of(pair, samples=3000, stiffness=6.6e-5):
     x, y = pair
     return AdaptationObjective(
-        x.vertices,
-        x.faces,
+        triangles(x),
         x.laplacian,
-        y.vertices,
-        y.faces,
-        samples,
-        stiffness,
+        triangles(y),
+        AdaptationSettings(samples=samples, stiffness=stiffness),
         np.random.default_rng(0),
     )
 
@@ -73,7 +74,7 @@ def test_the_last_steps_never_raise_the_objective(pair):
 def test_adapting_brings_the_surface_onto_the_case(pair):
     x, y = pair
     settings = AdaptationSettings(samples=8000)
-    offsets = adapt(x.vertices, x.faces, x.laplacian, y.vertices, y.faces, settings, seed=0).offsets
+    offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
     moved = x.vertices + offsets
     before = closest_points(x.vertices, y.vertices, y.faces).distances.mean()
     after = closest_points(moved, y.vertices, y.faces).distances.mean()
@@ -84,7 +85,7 @@ def test_adapting_brings_the_surface_onto_the_case(pair):
 def test_a_shape_on_itself_stays(pair):
     x, _ = pair
     settings = AdaptationSettings(samples=8000, steps=3)
-    offsets = adapt(x.vertices, x.faces, x.laplacian, x.vertices, x.faces, settings, seed=0).offsets
+    offsets = adapt(triangles(x), x.laplacian, triangles(x), settings, seed=0).offsets
     # Two different samples of one surface: it may breathe by a fraction of the sample spacing.
     assert np.linalg.norm(offsets, axis=1).mean() < 0.5 * np.sqrt(1 / 8000)
 
@@ -92,7 +93,7 @@ def test_a_shape_on_itself_stays(pair):
 def test_a_stiff_shape_only_translates(pair):
     x, y = pair
     settings = AdaptationSettings(samples=2000, stiffness=1e3)
-    offsets = adapt(x.vertices, x.faces, x.laplacian, y.vertices, y.faces, settings, seed=0).offsets
+    offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
     assert np.ptp(offsets, axis=0).max() < 1e-3
 
 
