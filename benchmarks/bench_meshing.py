@@ -77,7 +77,7 @@ def run(path: Path, label: int) -> None:
     mesh, quality = timed("the whole of mesh_from_mask", lambda: mesh_from_mask(mask, settings))
 
     print("its parts")
-    organ, _ = timed("  largest piece, cavities", lambda: keep_organ(mask))
+    organ, cleaning = timed("  largest piece, cavities", lambda: keep_organ(mask))
     sizes = grid_sizes(organ.volume_mm3, settings)
     field = timed("  blur and resample", lambda: smooth_field(organ, *sizes))
     surface = timed("  surface (VTK)", lambda: isosurface(field, "bench"))
@@ -89,7 +89,7 @@ def run(path: Path, label: int) -> None:
     reduced = timed("  fast-simplification", lambda: reduce_fast(full, settings.fast_faces))
     timed("  handles", lambda: cut_handles(reduced))
     timed("  decimation (MeshLab), spreading", lambda: decimate(reduced, settings.faces))
-    timed("  quality", lambda: measure_quality(mesh, organ, 0, *sizes))
+    timed("  quality", lambda: measure_quality(mesh, organ, cleaning, 0, *sizes))
 
     print("the plain way")
     sigma_voxels = [sizes[1] / step for step in organ.spacing_mm[::-1]]

@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-import numpy as np
-
 from ssm_pipeline.adaptation.rigid_start import rigid_motion
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.geometry.surface import area, centroid
+from ssm_pipeline.geometry.surface import centroid, unit_area_frame
 from ssm_pipeline.records import Mesh
 
 
@@ -27,7 +25,7 @@ def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
     >>> float(rigid_start(corner, moved).scale)
     2.0
     """
-    inner, outer = _unit_frame(template), _unit_frame(case)
+    inner, outer = (unit_area_frame(mesh.vertices, mesh.faces) for mesh in (template, case))
     found = rigid_motion(_moved(template, inner), _moved(case, outer), seed)
     scale = outer.scale / inner.scale
     translation = outer.translation + outer.scale * (
@@ -56,9 +54,3 @@ def rigidly_aligned(
 def _moved(mesh: Mesh, frame: Similarity) -> Mesh:
     """The mesh in the inner space of a frame."""
     return dataclasses.replace(mesh, vertices=frame.inverse().apply(mesh.vertices))
-
-
-def _unit_frame(mesh: Mesh) -> Similarity:
-    """From unit area, centred, to the mesh's millimetres."""
-    size = float(np.sqrt(area(mesh.vertices, mesh.faces)))
-    return Similarity(size, np.eye(3), centroid(mesh.vertices, mesh.faces))

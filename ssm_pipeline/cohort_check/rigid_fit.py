@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.geometry.rigid import iterative_closest_point
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.geometry.surface import area, centroid, sample_points
+from ssm_pipeline.geometry.surface import sample_points, unit_area_frame
 from ssm_pipeline.records import Mesh
 
 POINTS = 400  # on each surface
@@ -30,8 +30,8 @@ class Posed:
 
     @staticmethod
     def of(mesh: Mesh, seed: int) -> Posed:
-        size = np.sqrt(area(mesh.vertices, mesh.faces))
-        vertices = (mesh.vertices - centroid(mesh.vertices, mesh.faces)) / size
+        frame = unit_area_frame(mesh.vertices, mesh.faces)
+        vertices = frame.inverse().apply(mesh.vertices)
         points = sample_points(vertices, mesh.faces, POINTS, np.random.default_rng(seed))
         return Posed(SurfaceTarget.of(vertices, mesh.faces), points)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ssm_pipeline.geometry.barycentric import interpolated
+from ssm_pipeline.geometry.similarity import Similarity
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -47,6 +48,17 @@ def centroid(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(3,) centre of the surface, area-weighted: does not move with the triangulation."""
     weights = face_areas(vertices, faces)
     return np.average(vertices[faces].mean(axis=1), axis=0, weights=weights)
+
+
+def unit_area_frame(vertices: np.ndarray, faces: np.ndarray) -> Similarity:
+    """From unit area, centred, to where the surface lies and how large it is.
+
+    >>> corners = np.array([[5.0, 0, 0], [8, 0, 0], [5, 6, 0]])
+    >>> unit_area_frame(corners, np.array([[0, 1, 2]])).inverse().apply(corners)[0]
+    array([-0.33333333, -0.66666667,  0.        ])
+    """
+    size = float(np.sqrt(area(vertices, faces)))
+    return Similarity(size, np.eye(3), centroid(vertices, faces))
 
 
 def sample_surface(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
+from ssm_pipeline.geometry.distances import SurfaceDistance, SurfaceTarget, surface_distance
 from ssm_pipeline.geometry.surface import area, sample_points, volume
 from ssm_pipeline.geometry.topology import boundary_loop_count, euler_number, min_angle_deg
 from ssm_pipeline.meshing.organ import Cleaning
@@ -17,7 +18,7 @@ from ssm_pipeline.records import Mask, Mesh
 _SAMPLES = 10_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MeshQuality:
     """What the report says of one case's mesh.
 
@@ -43,13 +44,13 @@ class MeshQuality:
     volume_ml: float
     mask_volume_ml: float
     volume_change_percent: float
-    pieces: int
-    left_out_ml: float
-    cavities_filled_ml: float
+    pieces: int = 1
+    left_out_ml: float = 0.0
+    cavities_filled_ml: float = 0.0
     surface_mean_mm: float
     surface_hd95_mm: float
-    voxel_mm: float
-    smoothing_mm: float
+    voxel_mm: float = np.nan
+    smoothing_mm: float = 0.0
     warnings: tuple[str, ...]
 
 
@@ -63,26 +64,14 @@ def measure_quality(
 ) -> MeshQuality:
     """Measure a mesh against the organ it was made from."""
     distances = mesh_to_mask_distances(mesh, organ)
-    volume_mm3 = volume(mesh.vertices, mesh.faces)
-    return MeshQuality(
-        vertices=len(mesh.vertices),
-        faces=len(mesh.faces),
-        euler_number=euler_number(mesh.faces),
-        boundary_loops=boundary_loop_count(mesh.faces),
-        handles_cut=handles_cut,
-        min_angle_deg=min_angle_deg(mesh.vertices, mesh.faces),
-        area_cm2=area(mesh.vertices, mesh.faces) / 100,
-        volume_ml=volume_mm3 / 1000,
-        mask_volume_ml=cleaning.given / 1000,
-        volume_change_percent=100 * (volume_mm3 / cleaning.given - 1),
+    distance = SurfaceDistance(float(distances.mean()), float(np.percentile(distances, 95)))
+    return dataclasses.replace(
+        _quality(mesh, cleaning.given, distance, handles_cut, cleaning.warnings),
         pieces=cleaning.pieces,
         left_out_ml=cleaning.left_out / 1000,
         cavities_filled_ml=cleaning.filled / 1000,
-        surface_mean_mm=float(distances.mean()),
-        surface_hd95_mm=float(np.percentile(distances, 95)),
         voxel_mm=voxel_mm,
         smoothing_mm=smoothing_mm,
-        warnings=cleaning.warnings,
     )
 
 
@@ -94,7 +83,18 @@ def measure_surface_quality(
         SurfaceTarget.of(mesh.vertices, mesh.faces),
         SurfaceTarget.of(surface.vertices, surface.faces),
     )
-    volume_mm3, given_mm3 = (volume(one.vertices, one.faces) for one in (mesh, surface))
+    return _quality(mesh, volume(surface.vertices, surface.faces), distance, handles_cut, told)
+
+
+def _quality(
+    mesh: Mesh,
+    given_mm3: float,
+    distance: SurfaceDistance,
+    handles_cut: int,
+    warnings: tuple[str, ...],
+) -> MeshQuality:
+    """Of a mesh in one piece, made without a grid; given_mm3: the volume of what it was made of."""
+    volume_mm3 = volume(mesh.vertices, mesh.faces)
     return MeshQuality(
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
@@ -106,14 +106,9 @@ def measure_surface_quality(
         volume_ml=volume_mm3 / 1000,
         mask_volume_ml=given_mm3 / 1000,
         volume_change_percent=100 * (volume_mm3 / given_mm3 - 1),
-        pieces=1,
-        left_out_ml=0.0,
-        cavities_filled_ml=0.0,
         surface_mean_mm=distance.mean,
         surface_hd95_mm=distance.hd95,
-        voxel_mm=np.nan,
-        smoothing_mm=0.0,
-        warnings=told,
+        warnings=warnings,
     )
 
 

@@ -11,7 +11,6 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry import surface
-from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.topology import face_components
 from ssm_pipeline.records import CaseError, Mesh, SpectralBasis
 from ssm_pipeline.spectral.gradients import gradient_operators
@@ -48,11 +47,7 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> Spec
         rank = np.searchsorted(used, mesh.faces)
         within = spectral_basis(Mesh(mesh.vertices[used], rank, mesh.case_id), settings)
         return _with_unused_vertices(within, mesh, used)
-    frame = Similarity(
-        float(np.sqrt(surface.area(mesh.vertices, mesh.faces))),
-        np.eye(3),
-        surface.centroid(mesh.vertices, mesh.faces),
-    )
+    frame = surface.unit_area_frame(mesh.vertices, mesh.faces)
     vertices = frame.inverse().apply(mesh.vertices)
     laplacian, mass_matrix = robust_laplacian.mesh_laplacian(vertices, mesh.faces)
     mass = mass_matrix.diagonal()
