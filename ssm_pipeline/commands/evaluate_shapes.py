@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssm_pipeline.evaluation.evaluate import evaluate_method
+from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError
@@ -52,8 +52,8 @@ def evaluate(
     if isinstance(shapes, ShapeModel):
         shapes = cases_of(shapes)
     _check_places(shapes, meshes)
-    settings = settings or EvaluationSettings()
-    return evaluate_method(name, shapes, meshes, settings, seed, with_scale, jobs)
+    scoring = Scoring(settings or EvaluationSettings(), seed, with_scale, jobs)
+    return evaluate_method(name, shapes, meshes, scoring)
 
 
 def cases_of(model: ShapeModel) -> CorrespondedShapes:

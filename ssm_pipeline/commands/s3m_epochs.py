@@ -35,7 +35,7 @@ def score_s3m_epochs(
     from ssm_pipeline.baselines.rigid_start import rigidly_aligned
     from ssm_pipeline.baselines.s3m.s3m import match_s3m
     from ssm_pipeline.baselines.s3m.training import Checkpoint
-    from ssm_pipeline.evaluation.evaluate import evaluate_method
+    from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
     from ssm_pipeline.training.matcher import load_tensors
 
     run, settings = load_run(run_folder), read_run_settings(run_folder)
@@ -54,6 +54,7 @@ def score_s3m_epochs(
         )
     aligned, _ = rigidly_aligned(template, meshes, settings.seed)
     quick = settings.evaluation.model_copy(update={"jackknife_samples": 0, "fit_surfaces": False})
+    scoring = Scoring(quick, settings.seed, settings.shape_model.with_scale, jobs)
     rows = []
     for epoch, path in found.items():
         trained = Checkpoint(**load_tensors(path))
@@ -62,15 +63,7 @@ def score_s3m_epochs(
             match = match_s3m(
                 aligned, trained, own, settings.seed, torch.device(device), lambda *step: None
             )
-            scores = evaluate_method(
-                method,
-                match.points,
-                aligned,
-                quick,
-                settings.seed,
-                settings.shape_model.with_scale,
-                jobs,
-            ).tables
+            scores = evaluate_method(method, match.points, aligned, scoring).tables
             modes = int(scores["generalisation"]["modes"].max())
             cases = scores["generalisation"].query("modes == @modes")["surface_mm"]
             drawn = scores["specificity"].query("modes == @modes").iloc[0]

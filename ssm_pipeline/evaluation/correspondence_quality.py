@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.distances import PointTarget, symmetric
 from ssm_pipeline.geometry.surface import area, face_normals, sample_points
-from ssm_pipeline.records import CorrespondedShapes, Mesh
+from ssm_pipeline.records import Mesh
 
 
 def correspondence_quality(
-    shapes: CorrespondedShapes,
-    meshes: Sequence[Mesh],
+    cohort: AlignedCohort,
     settings: EvaluationSettings,
     generator: np.random.Generator,
     fitted: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """Fit, orientation, coverage and bijectivity of each case's template.
 
-    shapes   (N, V, 3) mm, aligned; meshes: N, in the same order and frame.
     fitted   (N, V, 3) mm, the same before they were carried onto the cases' surfaces; None: never
              fitted, and the columns of it are NaN.
     Returns  one row per case:
@@ -45,13 +42,13 @@ def correspondence_quality(
                                           the first three of the shapes as fitted: points that were
                                           carried onto a case lie on it however bad the fit was
     """
-    reference = shapes.vertices.mean(axis=0)
+    shapes, reference = cohort.shapes, cohort.shapes.vertices.mean(axis=0)
     rows = [
         _fit(vertices, shapes.faces, mesh)
         | _coverage(vertices, mesh, settings, generator)
         | _bijectivity(vertices, reference, mesh)
         | _before_carrying(None if fitted is None else fitted[case], shapes.faces, mesh)
-        for case, (vertices, mesh) in enumerate(zip(shapes.vertices, meshes, strict=True))
+        for case, (vertices, mesh) in enumerate(zip(shapes.vertices, cohort.meshes, strict=True))
     ]
     table = pd.DataFrame(rows)
     table.insert(0, "case_id", list(shapes.case_ids))
@@ -81,9 +78,7 @@ def _fit(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh) -> dict[str, float
     }
 
 
-def _before_carrying(
-    fitted: np.ndarray | None, faces: np.ndarray, mesh: Mesh
-) -> dict[str, float]:
+def _before_carrying(fitted: np.ndarray | None, faces: np.ndarray, mesh: Mesh) -> dict[str, float]:
     names = ("surface_mm", "hd95_mm", "flipped_percent")
     found = dict.fromkeys(names, np.nan) if fitted is None else _fit(fitted, faces, mesh)
     return {f"fitted_{name}": found[name] for name in names}

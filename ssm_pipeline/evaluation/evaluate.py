@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from ssm_pipeline.evaluation.aligned_cohort import align_cohort
 from ssm_pipeline.evaluation.correspondence_quality import correspondence_quality
 from ssm_pipeline.evaluation.model_quality import (
     compactness,
@@ -13,35 +15,43 @@ from ssm_pipeline.evaluation.model_quality import (
     held_out_folds,
     mean_over_cases,
     most_modes,
-    move_meshes,
 )
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import specificity
 from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
 from ssm_pipeline.evaluation.surface_fits import fits_to_held_out
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics
-from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """How methods are scored: the same for all that are compared.
+
+    seed        of points, draws and folds.
+    with_scale  whether the alignment removes size; distances are then those of scaled shapes.
+    jobs        processes for the draws; the numbers do not depend on it.
+    patients    case id → patient, where one has several cases: they are held out together.
+    """
+
+    settings: EvaluationSettings
+    seed: int
+    with_scale: bool = False
+    jobs: int = 1
+    patients: Mapping[str, str] | None = None
 
 
 def evaluate_method(
     name: str,
     corresponded: CorrespondedShapes,
     meshes: Sequence[Mesh],
-    settings: EvaluationSettings,
-    seed: int,
-    with_scale: bool = False,
-    jobs: int = 1,
-    patients: Mapping[str, str] | None = None,
+    scoring: Scoring,
     fitted: np.ndarray | None = None,
 ) -> Metrics:
     """Score one method's correspondences and the shape model they give.
 
     corresponded  N >= 4 shapes in each case's own millimetres, not yet aligned.
     meshes        the cases' original meshes in their own millimetres, in any order.
-    with_scale    whether the alignment removes size; distances are then those of scaled shapes.
-    jobs          processes for the draws; the numbers do not depend on it.
-    patients      case id → patient, where one has several cases: they are held out together.
     fitted        (N, V, 3) mm: the shapes as they were fitted, before they were carried onto the
                   cases' surfaces; None for a method whose points are the cases' own vertices.
 
@@ -57,19 +67,19 @@ def evaluate_method(
     All of them hold the number of modes that keeps 95 % of the variance.
     Raises StudyError for fewer than 4 cases, impossible folds or cases without a mesh.
     """
-    aligned, frames = align(corresponded, with_scale=with_scale)
-    moved = move_meshes(meshes, corresponded.case_ids, frames)
-    model = build(aligned)
+    settings, seed, jobs, patients = scoring.settings, scoring.seed, scoring.jobs, scoring.patients
+    cohort, frames = align_cohort(corresponded, meshes, scoring.with_scale)
+    model = build(cohort.shapes)
     groups = [patients[i] for i in corresponded.case_ids] if patients is not None else None
-    folds = held_out_folds(len(moved), settings.folds, seed, groups)
+    folds = held_out_folds(len(frames), settings.folds, seed, groups)
     # A stream each, so that one table doesn't change when another asks for more draws.
     streams = np.random.default_rng(seed).spawn(4)
     for_cases, for_draws, for_fit, for_spread = streams
     limit, holding = most_modes(folds), model.modes_for(0.95)
-    per_case = generalisation(aligned, moved, settings, for_cases, with_scale, folds, [holding])
+    per_case = generalisation(cohort, settings, for_cases, folds, [holding])
     # Generalisation's numbers of modes, and all: a comparison needs both at the same number.
     numbers = sorted({*per_case["modes"], holding, model.mode_count})
-    drawn, per_draw = specificity(model, moved, settings, for_draws, jobs, numbers)
+    drawn, per_draw = specificity(model, cohort.meshes, settings, for_draws, jobs, numbers)
     if fitted is not None:
         fitted = np.stack([f.apply(shape) for f, shape in zip(frames, fitted, strict=True)])
     tables = {
@@ -78,14 +88,14 @@ def evaluate_method(
         "generalisation_mean": mean_over_cases(per_case),
         "specificity": drawn,
         "specificity_draws": per_draw,
-        "correspondence": correspondence_quality(aligned, moved, settings, for_fit, fitted),
+        "correspondence": correspondence_quality(cohort, settings, for_fit, fitted),
     }
     if settings.jackknife_samples:
         tables["specificity_jackknife"] = without_each_case(
-            aligned, moved, limit, settings, for_spread, jobs
+            cohort, limit, settings, for_spread, jobs
         )
     if settings.fit_surfaces:
-        tables["surface_fits"] = fits_to_held_out(aligned, moved, folds, limit, with_scale, jobs)
+        tables["surface_fits"] = fits_to_held_out(cohort, folds, limit, jobs)
     for table in tables.values():
         table.insert(0, "method", name)
         table["seed"] = seed

@@ -5,22 +5,18 @@ Specificity is in `specificity.py`. Source: Davies 2002; Styner et al. 2003.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, surface_distance
-from ssm_pipeline.geometry.rigid import best_similarity
-from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import sample_points
-from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
-from ssm_pipeline.shape_model.alignment import align
+from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
 
 
 def compactness(model: ShapeModel) -> pd.DataFrame:
@@ -35,29 +31,10 @@ def compactness(model: ShapeModel) -> pd.DataFrame:
     )
 
 
-def move_meshes(
-    meshes: Sequence[Mesh], case_ids: Sequence[str], frames: Sequence[Similarity]
-) -> list[Mesh]:
-    """The cases' original meshes in the model's frame, in the order of `case_ids`.
-
-    Raises StudyError where a case has no mesh.
-    """
-    by_id = {mesh.case_id: mesh for mesh in meshes}
-    missing = [case_id for case_id in case_ids if case_id not in by_id]
-    if missing:
-        raise StudyError(
-            f"{len(missing)} of {len(case_ids)} corresponded cases have no mesh "
-            f"({', '.join(missing[:5])}); pass the meshes the correspondences were made from."
-        )
-    return [moved(by_id[i], frame) for i, frame in zip(case_ids, frames, strict=True)]
-
-
 def generalisation(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
+    cohort: AlignedCohort,
     settings: EvaluationSettings,
     generator: np.random.Generator,
-    with_scale: bool = False,
     folds: Sequence[np.ndarray] | None = None,
     also: Sequence[int] = (),
 ) -> pd.DataFrame:
@@ -67,8 +44,7 @@ def generalisation(
     onto that mean, projected on its first M modes (no limit on its scores) and reconstructed; the
     reconstruction is compared with the case's original mesh.
 
-    aligned    N shapes, N >= 4. meshes: N, in the same frame and order (`move_meshes`).
-    with_scale as in the alignment of the model.
+    cohort     of N >= 4 cases.
     folds      the cases held out at a time (`held_out_folds`); by default one.
     also       numbers of modes asked for beside those of the curve.
     Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out; with folds, as
@@ -76,22 +52,18 @@ def generalisation(
                chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
                two samplings of the case's own mesh: what a perfect model would score), points.
     """
-    count = len(aligned.case_ids)
+    case_ids, mean = cohort.shapes.case_ids, cohort.shapes.vertices.mean(axis=0)
     if folds is None:
-        folds = held_out_folds(count, 0, seed=0)
-    points = FixedPoints.of(
-        aligned.vertices.mean(axis=0), aligned.faces, settings.points, generator
-    )
+        folds = held_out_folds(len(case_ids), 0, seed=0)
+    points = FixedPoints.of(mean, cohort.shapes.faces, settings.points, generator)
     limit = most_modes(folds)
     table = pd.concat(
         [
-            held_out_errors(
-                aligned, meshes, held_out, limit, points, settings, generator, with_scale, also
-            )
+            held_out_errors(cohort, held_out, limit, points, settings, generator, also)
             for held_out in folds
         ]
     )
-    order = {case_id: index for index, case_id in enumerate(aligned.case_ids)}
+    order = {case_id: index for index, case_id in enumerate(case_ids)}
     return table.sort_values(
         by=["case_id", "modes"], key=lambda c: c.map(order) if c.name == "case_id" else c
     ).reset_index(drop=True)
@@ -148,14 +120,12 @@ def most_modes(folds: Sequence[np.ndarray]) -> int:
 
 
 def held_out_errors(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
+    cohort: AlignedCohort,
     held_out: np.ndarray,
     limit: int,
     points: FixedPoints,
     settings: EvaluationSettings,
     generator: np.random.Generator,
-    with_scale: bool = False,
     also: Sequence[int] = (),
 ) -> pd.DataFrame:
     """`generalisation` of one fold: the cases `held_out` (indices), rebuilt by a model of the rest.
@@ -163,12 +133,12 @@ def held_out_errors(
     limit   the largest number of modes asked (`most_modes`).
     points  where the Chamfer distance is measured, of a shape in the model's frame.
     """
-    model, frames = model_without(aligned, held_out, with_scale)
+    model, frames = cohort.without(held_out)
     modes = mode_counts(min(limit, model.mode_count), settings.mode_counts, also)
     rows: list[dict[str, object]] = []
     for case, frame in zip(held_out, frames, strict=True):
-        mesh = moved(meshes[case], frame)
-        shape = frame.apply(aligned.vertices[case])
+        mesh = moved(cohort.meshes[case], frame)
+        shape = frame.apply(cohort.shapes.vertices[case])
         rows += _reconstruction_errors(model, shape, mesh, modes, points, generator)
     return pd.DataFrame(rows)
 
@@ -221,20 +191,3 @@ def _reconstruction_errors(
             }
         )
     return rows
-
-
-def model_without(
-    aligned: CorrespondedShapes, held_out: np.ndarray, with_scale: bool
-) -> tuple[ShapeModel, list[Similarity]]:
-    """The model of the other cases, and for each held-out case its frame onto that model."""
-    kept = np.setdiff1d(np.arange(len(aligned.case_ids)), held_out)
-    model = build(align(aligned.subset(kept), with_scale=with_scale)[0])
-    frames = [
-        best_similarity(aligned.vertices[case], model.mean, with_scale=with_scale)
-        for case in held_out
-    ]
-    return model, frames
-
-
-def moved(mesh: Mesh, frame: Similarity) -> Mesh:
-    return dataclasses.replace(mesh, vertices=frame.apply(mesh.vertices))

@@ -8,11 +8,13 @@ time has no such fault, and asks for N models only.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import joblib
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import (
@@ -22,15 +24,27 @@ from ssm_pipeline.evaluation.specificity import (
     nearest_surface,
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
-from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.pca import build
 
 _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surface distance
 
 
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """What is the same for every case left out.
+
+    weights  (n, N) of the cases in each draw; points: where a draw is looked at.
+    samples  of each mesh, as many; modes: of each model.
+    """
+
+    weights: np.ndarray
+    points: FixedPoints
+    samples: Sequence[np.ndarray]
+    modes: int
+
+
 def without_each_case(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
+    cohort: AlignedCohort,
     modes: int,
     settings: EvaluationSettings,
     generator: np.random.Generator,
@@ -38,21 +52,20 @@ def without_each_case(
 ) -> pd.DataFrame:
     """Specificity of the models built without each case, by surface distance to the other meshes.
 
-    aligned, meshes  N shapes and their meshes in the model's frame, in the same order.
-    modes            of each model, at most N − 2.
+    modes  of each model, at most N − 2.
     Returns two rows per case, one for each half of the draws: case_id (left out), modes, half,
     surface_mm (the mean over the draws). The weights of the draws are the same for every case left
     out and every method, so that only what the case changes is seen.
     """
-    count = len(aligned.case_ids)
+    shapes = cohort.shapes
+    count = len(shapes.case_ids)
     weights = generator.standard_normal((settings.jackknife_samples, count))
-    mean = aligned.vertices.mean(axis=0)
-    points = FixedPoints.of(mean, aligned.faces, settings.screening_points, generator)
-    samples = [even_samples(mesh, points.count, generator) for mesh in meshes]
+    mean = shapes.vertices.mean(axis=0)
+    points = FixedPoints.of(mean, shapes.faces, settings.screening_points, generator)
+    samples = [even_samples(mesh, points.count, generator) for mesh in cohort.meshes]
+    draws = _Draws(weights, points, samples, modes)
     tasks = [
-        joblib.delayed(_without_each)(
-            aligned, meshes, part.tolist(), modes, weights, points, samples, settings
-        )
+        joblib.delayed(_without_each)(cohort, part.tolist(), draws, settings.surface_points)
         for part in np.array_split(np.arange(count), min(jobs, count))
     ]
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
@@ -61,53 +74,32 @@ def without_each_case(
 
 
 def _without_each(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
-    cases: Sequence[int],
-    modes: int,
-    weights: np.ndarray,
-    points: FixedPoints,
-    samples: Sequence[np.ndarray],
-    settings: EvaluationSettings,
+    cohort: AlignedCohort, cases: Sequence[int], draws: _Draws, surface_points: int
 ) -> list[dict[str, object]]:
     """The rows of some of the cases; the meshes' trees are built once for all of them."""
-    targets = [PointTarget.of(sample) for sample in samples]
-    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in meshes]
-    return [
-        row
-        for case in cases
-        for row in _without(aligned, case, modes, weights, points, targets, surfaces, settings)
-    ]
-
-
-def _without(
-    aligned: CorrespondedShapes,
-    case: int,
-    modes: int,
-    weights: np.ndarray,
-    points: FixedPoints,
-    targets: Sequence[PointTarget],
-    surfaces: Sequence[SurfaceTarget],
-    settings: EvaluationSettings,
-) -> list[dict[str, object]]:
-    kept = [other for other in range(len(targets)) if other != case]
-    others = [targets[other] for other in kept]
-    model = build(aligned.subset(kept))
-    shapes = model.reconstruct(drawn_scores(model, weights[:, kept])[:, :modes])
-    every = np.arange(points.count)
-    candidates = [
-        estimates(PointTarget.of(points.on(shape)), others, every)[0].argsort()[:_CANDIDATES]
-        for shape in shapes
-    ]
-    left = [surfaces[other] for other in kept]
-    found = nearest_surface(shapes, model.faces, left, candidates, settings.surface_points)
-    halves = np.array_split(found[:, 0], 2)
-    return [
-        {
-            "case_id": aligned.case_ids[case],
-            "modes": modes,
-            "half": number,
-            "surface_mm": float(half.mean()),
-        }
-        for number, half in enumerate(halves)
-    ]
+    targets = [PointTarget.of(sample) for sample in draws.samples]
+    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in cohort.meshes]
+    every = np.arange(draws.points.count)
+    rows: list[dict[str, object]] = []
+    for case in cases:
+        kept = [other for other in range(len(targets)) if other != case]
+        others, left = [targets[other] for other in kept], [surfaces[other] for other in kept]
+        model = build(cohort.shapes.subset(kept))
+        scores = drawn_scores(model, draws.weights[:, kept])[:, : draws.modes]
+        shapes = model.reconstruct(scores)
+        ranked = (
+            estimates(PointTarget.of(draws.points.on(shape)), others, every)[0].argsort()
+            for shape in shapes
+        )
+        candidates = [nearest[:_CANDIDATES] for nearest in ranked]
+        found = nearest_surface(shapes, model.faces, left, candidates, surface_points)
+        rows += [
+            {
+                "case_id": cohort.shapes.case_ids[case],
+                "modes": draws.modes,
+                "half": number,
+                "surface_mm": float(half.mean()),
+            }
+            for number, half in enumerate(np.array_split(found[:, 0], 2))
+        ]
+    return rows

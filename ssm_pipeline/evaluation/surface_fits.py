@@ -8,41 +8,35 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline.evaluation.model_quality import model_without, moved
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
 from ssm_pipeline.fitting.model_fit import fit
 from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
-from ssm_pipeline.records import CorrespondedShapes, Mesh
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
 
 def fits_to_held_out(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
-    folds: Sequence[np.ndarray],
-    modes: int,
-    with_scale: bool = False,
-    jobs: int = 1,
+    cohort: AlignedCohort, folds: Sequence[np.ndarray], modes: int, jobs: int = 1
 ) -> pd.DataFrame:
     """How well a model built without a case can be fitted to that case's surface.
 
     Unlike `generalisation`, nothing of the held-out case but its mesh is used: the model finds its
     pose and its scores by itself (`fitting.model_fit`), and is held by its prior.
 
-    aligned, meshes  N shapes and their meshes in the model's frame, in the same order.
-    folds            the cases held out at a time (`held_out_folds`).
-    modes            of each model, at most as many as it has.
+    folds  the cases held out at a time (`held_out_folds`).
+    modes  of each model, at most as many as it has.
     Returns one row per case: case_id, modes, surface_mm, hd95_mm (fitted instance and mesh, both
     ways).
     """
     tasks = []
     for held_out in folds:
-        model, frames = model_without(aligned, held_out, with_scale)
+        model, frames = cohort.without(held_out)
         model = model.truncate(min(modes, model.mode_count))
         for case, frame in zip(held_out, frames, strict=True):
-            tasks.append(joblib.delayed(_fitted)(model, moved(meshes[case], frame)))
+            tasks.append(joblib.delayed(_fitted)(model, moved(cohort.meshes[case], frame)))
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks)
-    order = {case_id: number for number, case_id in enumerate(aligned.case_ids)}
+    order = {case_id: number for number, case_id in enumerate(cohort.shapes.case_ids)}
     return pd.DataFrame(sorted(rows, key=lambda row: order[str(row["case_id"])]))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import (
@@ -15,15 +16,14 @@ from ssm_pipeline.evaluation.specificity import (
     nearest_surface,
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
-from ssm_pipeline.records import CorrespondedShapes, Mesh
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.pca import build
 
 _CANDIDATES = 3
 
 
 def unseen_specificity(
-    aligned: CorrespondedShapes,
-    meshes: Sequence[Mesh],
+    cohort: AlignedCohort,
     held_out: np.ndarray,
     modes: int,
     settings: EvaluationSettings,
@@ -31,22 +31,24 @@ def unseen_specificity(
 ) -> dict[str, float]:
     """How near the draws of a model of the kept cases are to the held-out ones.
 
-    aligned, meshes  N shapes and their meshes in one frame; held_out: places of those that the
-                     model, and all that made the correspondences, never saw.
+    held_out  places of those cases that the model, and all that made the correspondences, never
+              saw.
     Returns modes, draws; surface_mm, surface_se_mm: distance to the nearest held-out mesh, with its
     standard error over the draws; seen_surface_mm: to the nearest of as many of the kept ones,
     drawn at random. The nearest of few is farther away than the nearest of all, so it is these two
     that compare with each other, and not the table `specificity`.
     """
-    kept = np.setdiff1d(np.arange(len(meshes)), held_out)
-    model = build(aligned.subset(kept))
+    kept = np.setdiff1d(np.arange(len(cohort.meshes)), held_out)
+    model = build(cohort.shapes.subset(kept))
     modes = min(modes, model.mode_count)
     weights = generator.standard_normal((settings.surface_samples, len(kept)))
     shapes = model.reconstruct(drawn_scores(model, weights)[:, :modes])
     points = FixedPoints.of(model.mean, model.faces, 4 * settings.screening_points, generator)
     as_many = generator.permutation(kept)[: len(held_out)]
     found = {
-        name: _nearest(shapes, model.faces, [meshes[case] for case in cases], points, settings)
+        name: _nearest(
+            shapes, model.faces, [cohort.meshes[case] for case in cases], points, settings
+        )
         for name, cases in (("unseen", held_out), ("seen", as_many))
     }
     unseen = found["unseen"]

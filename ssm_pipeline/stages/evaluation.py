@@ -90,7 +90,7 @@ def evaluate_methods(context: Context) -> Outcome:
 
 def _nearest_cases(run: Run, settings: StudySettings, meshes: Sequence[Mesh]) -> pd.DataFrame:
     """The distance of each case to the nearest other, as the full method's model aligns them."""
-    from ssm_pipeline.evaluation.model_quality import move_meshes
+    from ssm_pipeline.evaluation.aligned_cohort import move_meshes
     from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
 
     frames = run.frames
@@ -139,19 +139,16 @@ def _write_scores(
     folder: Path,
 ) -> Row:
     """The tables of `evaluate_method`, anatomy's, and of a synthetic cohort the truth's."""
-    from ssm_pipeline.evaluation.evaluate import evaluate_method
+    from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
 
-    metrics = evaluate_method(
-        method,
-        shapes,
-        meshes,
+    scoring = Scoring(
         settings.evaluation,
         settings.seed,
-        with_scale=settings.shape_model.with_scale,
-        jobs=context.jobs,
-        patients=patients_of(context, shapes.case_ids),
-        fitted=fitted_shapes(context, method),
+        settings.shape_model.with_scale,
+        context.jobs,
+        patients_of(context, shapes.case_ids),
     )
+    metrics = evaluate_method(method, shapes, meshes, scoring, fitted_shapes(context, method))
     storage.save_tables(metrics, folder)
     points, seed = settings.evaluation.points, settings.seed
     storage.save_tables(Metrics(anatomy.tables(method, shapes, meshes, points, seed)), folder)

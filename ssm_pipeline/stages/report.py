@@ -43,7 +43,7 @@ def write_report(context: Context) -> Outcome:
 
 def report_content(run: Run) -> ReportContent:
     """What the report shows, read from the files of a run's stages."""
-    from ssm_pipeline.evaluation.model_quality import move_meshes
+    from ssm_pipeline.evaluation.aligned_cohort import move_meshes
     from ssm_pipeline.report.content import ReportContent
 
     frames = [run.frames[case_id] for case_id in run.cases]

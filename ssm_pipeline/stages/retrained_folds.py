@@ -179,22 +179,19 @@ def _write_scores(
     folder: Path,
 ) -> Row:
     """unseen_generalisation.csv, unseen_specificity.csv and unseen_label_pairs.csv of a fold."""
-    from ssm_pipeline.evaluation.model_quality import held_out_errors, move_meshes
+    from ssm_pipeline.evaluation.aligned_cohort import align_cohort
+    from ssm_pipeline.evaluation.model_quality import held_out_errors
     from ssm_pipeline.evaluation.sampling import FixedPoints
     from ssm_pipeline.evaluation.unseen import unseen_specificity
     from ssm_pipeline.records import Metrics
-    from ssm_pipeline.shape_model.alignment import align
 
-    evaluation, with_scale = settings.evaluation, settings.shape_model.with_scale
-    aligned, frames = align(shapes, with_scale=with_scale)
-    moved = move_meshes(meshes, shapes.case_ids, frames)
+    evaluation = settings.evaluation
+    cohort, _ = align_cohort(shapes, meshes, settings.shape_model.with_scale)
     for_cases, for_draws = np.random.default_rng([settings.seed, fold.number]).spawn(2)
-    mean = aligned.vertices.mean(axis=0)
-    points = FixedPoints.of(mean, aligned.faces, evaluation.points, for_cases)
-    errors = held_out_errors(
-        aligned, moved, fold.held_out, fold.modes, points, evaluation, for_cases, with_scale
-    )
-    row = unseen_specificity(aligned, moved, fold.held_out, fold.modes, evaluation, for_draws)
+    mean = cohort.shapes.vertices.mean(axis=0)
+    points = FixedPoints.of(mean, shapes.faces, evaluation.points, for_cases)
+    errors = held_out_errors(cohort, fold.held_out, fold.modes, points, evaluation, for_cases)
+    row = unseen_specificity(cohort, fold.held_out, fold.modes, evaluation, for_draws)
     tables = {
         "unseen_generalisation": errors,
         "unseen_specificity": pd.DataFrame([{"fold": fold.number} | row]),

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from synthetic_shapes import sphere
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.correspondence_quality import correspondence_quality, flipped_share
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.records import CorrespondedShapes, Mesh
@@ -12,9 +13,8 @@ def quality(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh, reference: np.n
         np.stack([vertices, 2 * reference - vertices]), faces, ("a", "b"), "a"
     )  # their mean is the reference
     other = Mesh(shapes.vertices[1], faces, "b")
-    table = correspondence_quality(
-        shapes, [mesh, other], EvaluationSettings(), np.random.default_rng(0)
-    )
+    cohort = AlignedCohort(shapes, [mesh, other])
+    table = correspondence_quality(cohort, EvaluationSettings(), np.random.default_rng(0))
     return table.iloc[0]
 
 

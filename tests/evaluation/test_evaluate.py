@@ -1,11 +1,10 @@
-
 import numpy as np
 import pandas as pd
 import pytest
 from synthetic_shapes import wavy_cohort
 
 from ssm_pipeline.evaluation.comparison import compare
-from ssm_pipeline.evaluation.evaluate import evaluate_method
+from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
 from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.records import Mesh
@@ -22,7 +21,7 @@ def cohort():
 
 @pytest.fixture(scope="module")
 def scored(cohort):
-    return evaluate_method("ours", *cohort, SETTINGS, seed=7)
+    return evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7))
 
 
 def test_all_tables_with_method_and_seed(scored):
@@ -48,7 +47,7 @@ def test_all_tables_with_method_and_seed(scored):
 
 def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, scored):
     shapes, meshes = cohort
-    again = evaluate_method("ours", shapes, meshes[::-1], SETTINGS, seed=7, jobs=2)
+    again = evaluate_method("ours", shapes, meshes[::-1], Scoring(SETTINGS, seed=7, jobs=2))
     for name, table in scored.tables.items():
         pd.testing.assert_frame_equal(table, again.tables[name])
 
@@ -56,7 +55,7 @@ def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, sco
 def test_a_thinned_curve_can_still_be_compared(cohort):
     """Generalisation has a mode fewer than specificity: two even choices of numbers don't meet."""
     settings = SETTINGS.model_copy(update={"mode_counts": 2, "samples": 5, "surface_samples": 2})
-    metrics = evaluate_method("ours", *cohort, settings, seed=7)
+    metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
     assert metrics.tables["generalisation"]["modes"].unique().tolist() == [1, 3]
     assert metrics.tables["specificity"]["modes"].tolist() == [1, 3, 4]
     table = compare({"ours": metrics}, "ours", 100, np.random.default_rng(0))
@@ -66,8 +65,8 @@ def test_a_thinned_curve_can_still_be_compared(cohort):
 def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort):
     shapes, _ = cohort
     blown_up = shapes.vertices + 3 * (shapes.vertices - shapes.vertices.mean(axis=1)[:, None]) / 50
-    table = evaluate_method("ours", *cohort, SETTINGS, seed=7, fitted=blown_up).tables
-    fits = table["correspondence"]
+    metrics = evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7), fitted=blown_up)
+    fits = metrics.tables["correspondence"]
     assert (fits["surface_mm"] < 1e-6).all()
     assert (fits["fitted_surface_mm"] > 1).all()
 
@@ -76,7 +75,7 @@ def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort):
     settings = SETTINGS.model_copy(
         update={"mode_counts": 1, "jackknife_samples": 0, "fit_surfaces": False}
     )
-    metrics = evaluate_method("ours", *cohort, settings, seed=7)
+    metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
     held = metrics.tables["compactness"].query("share >= 0.95")["modes"].min()
     assert held in set(metrics.tables["specificity"]["modes"])
     assert min(held, 3) in set(metrics.tables["generalisation"]["modes"])

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from synthetic_shapes import lattice, speckles, wavy_cohort
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, align_cohort
 from ssm_pipeline.evaluation.model_quality import (
     compactness,
     generalisation,
     held_out_folds,
     mean_over_cases,
-    move_meshes,
 )
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.rigid import best_similarity
@@ -36,7 +36,7 @@ def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
 def test_generalisation_of_a_case_outside_the_span_is_its_residual():
     shapes, meshes, w = residual_case()
     settings = EvaluationSettings(points=64)
-    table = generalisation(shapes, meshes, settings, np.random.default_rng(0))
+    table = generalisation(AlignedCohort(shapes, meshes), settings, np.random.default_rng(0))
     held = table[table["case_id"] == "e"]
     residual = np.linalg.norm(w, axis=1).mean()
     assert held["correspondence_mm"].to_numpy() == pytest.approx(residual, rel=1e-9)
@@ -53,7 +53,7 @@ def test_generalisation_of_scaled_copies_is_zero():
     corresponded = CorrespondedShapes(shapes, rest.faces, ids, "a")
     meshes = [Mesh(s, rest.faces, i) for s, i in zip(shapes, ids, strict=True)]
     settings = EvaluationSettings(points=64)
-    table = generalisation(corresponded, meshes, settings, np.random.default_rng(0))
+    table = generalisation(AlignedCohort(corresponded, meshes), settings, np.random.default_rng(0))
     assert table["modes"].unique().tolist() == [1]
     assert table["correspondence_mm"].max() < 1e-9
     assert table["chamfer_mm"].max() < 1e-3
@@ -61,11 +61,10 @@ def test_generalisation_of_scaled_copies_is_zero():
 
 def test_leave_one_out_equals_a_loop_written_out():
     corresponded, meshes = wavy_cohort(6)
-    aligned, frames = align(corresponded)
-    moved = move_meshes(meshes, corresponded.case_ids, frames)
-    table = generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
+    cohort, _ = align_cohort(corresponded, meshes)
+    table = generalisation(cohort, EvaluationSettings(), np.random.default_rng(0))
     assert len(table) == 6 * 4
-    faces = aligned.faces
+    aligned, faces = cohort.shapes, cohort.shapes.faces
     for case in range(6):
         others = np.delete(aligned.vertices, case, axis=0)
         ids = tuple(np.delete(aligned.case_ids, case))
@@ -95,22 +94,18 @@ def test_generalisation_does_not_depend_on_pose():
     turned_meshes = [dataclasses.replace(m, vertices=m.vertices @ turn.T + 500) for m in meshes]
     tables = []
     for shapes, surfaces in ((corresponded, meshes), (turned, turned_meshes)):
-        aligned, frames = align(shapes)
-        moved = move_meshes(surfaces, shapes.case_ids, frames)
-        tables.append(
-            generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
-        )
+        cohort, _ = align_cohort(shapes, surfaces)
+        tables.append(generalisation(cohort, EvaluationSettings(), np.random.default_rng(0)))
     for column in ("surface_mm", "hd95_mm", "correspondence_mm"):
         assert tables[0][column].to_numpy() == pytest.approx(tables[1][column].to_numpy(), rel=1e-5)
 
 
 def test_folds_hold_out_every_case_once():
     corresponded, meshes = wavy_cohort(7)
-    aligned, frames = align(corresponded)
-    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    cohort, _ = align_cohort(corresponded, meshes)
     settings, folds = EvaluationSettings(points=200), held_out_folds(7, 3, seed=5)
     assert sorted(np.concatenate(folds)) == list(range(7))
-    table = generalisation(aligned, moved, settings, np.random.default_rng(0), folds=folds)
+    table = generalisation(cohort, settings, np.random.default_rng(0), folds=folds)
     for modes in (1, 2, 3):  # 4 or 5 cases remain, and all are scored alike
         assert table[table["modes"] == modes]["case_id"].tolist() == list(corresponded.case_ids)
     assert table["modes"].max() == 3
@@ -119,15 +114,15 @@ def test_folds_hold_out_every_case_once():
 def test_a_held_out_fold_is_unknown_to_its_model():
     """Whatever else is in the fold: its cases are scored as if it alone had been left out."""
     corresponded, meshes = wavy_cohort(7)
-    aligned, frames = align(corresponded)
-    moved = move_meshes(meshes, corresponded.case_ids, frames)
+    cohort, _ = align_cohort(corresponded, meshes)
     settings, folds = EvaluationSettings(points=200), [np.array([5, 6]), np.arange(5)[:2]]
     rest = [np.array([case]) for case in (2, 3, 4)]
-    before = generalisation(aligned, moved, settings, np.random.default_rng(0), folds=folds + rest)
-    vertices = aligned.vertices.copy()
+    before = generalisation(cohort, settings, np.random.default_rng(0), folds=folds + rest)
+    vertices = cohort.shapes.vertices.copy()
     vertices[5] *= [1, 1, 3]  # a monster, held out together with case 6
-    changed = dataclasses.replace(aligned, vertices=vertices)
-    after = generalisation(changed, moved, settings, np.random.default_rng(0), folds=folds + rest)
+    monster = dataclasses.replace(cohort.shapes, vertices=vertices)
+    changed = dataclasses.replace(cohort, shapes=monster)
+    after = generalisation(changed, settings, np.random.default_rng(0), folds=folds + rest)
     column = "correspondence_mm"
     for case_id, is_same in (("case_06", True), ("case_00", False)):
         old, new = (t[t["case_id"] == case_id][column].to_numpy() for t in (before, after))
@@ -142,9 +137,8 @@ def test_folds_are_the_same_for_every_method():
 
 def test_mean_over_cases():
     corresponded, meshes = wavy_cohort(5)
-    aligned, frames = align(corresponded)
-    moved = move_meshes(meshes, corresponded.case_ids, frames)
-    cases = generalisation(aligned, moved, EvaluationSettings(), np.random.default_rng(0))
+    cohort, _ = align_cohort(corresponded, meshes)
+    cases = generalisation(cohort, EvaluationSettings(), np.random.default_rng(0))
     summary = mean_over_cases(cases)
     values = cases[cases["modes"] == 2]["surface_mm"].to_numpy()
     row = summary[summary["modes"] == 2]
@@ -171,12 +165,11 @@ def test_mode_counts():
 
 def test_clear_errors():
     corresponded, meshes = wavy_cohort(5)
-    _, frames = align(corresponded)
     with pytest.raises(StudyError, match="case_04"):
-        move_meshes(meshes[:4], corresponded.case_ids, frames)
-    few, few_meshes = wavy_cohort(3)
+        align_cohort(corresponded, meshes[:4])
+    few = AlignedCohort(*wavy_cohort(3))
     with pytest.raises(StudyError, match="at least 4 cases"):
-        generalisation(few, few_meshes, EvaluationSettings(), np.random.default_rng(0))
+        generalisation(few, EvaluationSettings(), np.random.default_rng(0))
     with pytest.raises(StudyError, match="folds is 9"):
         held_out_folds(5, 9, seed=0)
     with pytest.raises(StudyError, match="2 remain"):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from synthetic_shapes import wavy_cohort
 
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.paired import holm, over_cases, over_left_out_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
@@ -69,9 +70,9 @@ def test_models_without_each_case_do_not_look_at_its_mesh():
         type(mesh)(vertices, mesh.faces, mesh.case_id)
         for mesh, vertices in zip(meshes, aligned.vertices, strict=True)
     ]
-    table = without_each_case(aligned, own, 3, settings, np.random.default_rng(0))
+    table = without_each_case(AlignedCohort(aligned, own), 3, settings, np.random.default_rng(0))
     assert table["case_id"].tolist() == [case for case in aligned.case_ids for _ in (0, 1)]
     far = [*own[:-1], type(own[-1])(own[-1].vertices + 1e4, own[-1].faces, own[-1].case_id)]
-    moved = without_each_case(aligned, far, 3, settings, np.random.default_rng(0))
+    moved = without_each_case(AlignedCohort(aligned, far), 3, settings, np.random.default_rng(0))
     last = table["case_id"] == aligned.case_ids[-1]
     assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
