@@ -1,12 +1,13 @@
 """Does `compare` find an effect that is there, and how often one that is not?
 
-    python benchmarks/compare_planted_effects.py [--cases 40] [--nulls 200] [--planted 50]
+    python benchmarks/compare_planted_effects.py [--cases 40] [--nulls 200] [--planted 200]
 
 Lungs of known modes, drawn in correspondence, in two groups of equal size. Planted: the first mode
 shifted by one standard deviation in one group. Null: no shift. Each with and without a confounder,
 an age that goes with the group and moves the second mode. Prints how often p < 0.05 where nothing
-is, with the interval that chance allows, and how often p < 0.01 where something is, beside the
-same of a linear model on the true scores of the shifted mode, which no test of shapes can know.
+is, with the interval that chance allows, and how often p < 0.01 where something is, beside two
+bounds: what theory says of Hotelling's test with that many modes and normal scores, and a test of
+the true scores of the shifted mode alone, which no test of shapes can know.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from ssm_pipeline.shape_model.pca import build
 from ssm_pipeline.statistics.compare import modes_carried
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 from ssm_pipeline.statistics.permutation import mode_tests, multivariate_test, procrustes_test
+from ssm_pipeline.statistics.power import power
 
 SHIFTED, MOVED_BY_AGE = 0, 1  # modes
 NOISE_MM = 0.3  # of every point, as matching leaves it
@@ -33,7 +35,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--nulls", type=int, default=200)
-    parser.add_argument("--planted", type=int, default=50)
+    parser.add_argument("--planted", type=int, default=200)
     parser.add_argument("--permutations", type=int, default=999)
     parser.add_argument("--subdivisions", type=int, default=2, help="of the lung's surface")
     parser.add_argument("--seed", type=int, default=0)
@@ -48,11 +50,14 @@ def main() -> None:
                 p_values(lungs, cases, shift, confounded, draws, generator) for _ in range(count)
             ]
             table = pd.DataFrame(found)
+            theory = table[["hotelling_theory", "true_score_theory"]].mean()
+            table = table.drop(columns=theory.index)
             row = {"shift_sd": shift, "confounder": confounded, "cohorts": count}
-            for test in table:
-                row[f"{test}_first_p"] = table[test][0]
+            for test in table.columns.drop("modes"):
                 row[f"{test}_below_0.05"] = (table[test] < 0.05).mean()
                 row[f"{test}_below_0.01"] = (table[test] < 0.01).mean()
+            row |= {f"{name}_below_0.01": chance for name, chance in theory.items()}
+            row["modes"] = table["modes"].mean()
             rows.append(row)
     low, high = 100 * np.array(binom.interval(0.95, arguments.nulls, 0.05)) / arguments.nulls
     print(pd.DataFrame(rows).round(4).T.to_string(header=False))
@@ -82,7 +87,7 @@ def p_values(
     permutations: int,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Test → p of the group."""
+    """Test → p of the group; modes: how many were tested; theory: the power at p < 0.01."""
     group = np.repeat([0.0, 1.0], [cases // 2, cases - cases // 2])
     scores = generator.standard_normal((cases, len(lungs.modes)))
     scores[:, SHIFTED] += shift * group
@@ -96,13 +101,18 @@ def p_values(
     model = build(align(shapes)[0])
     design = design_of(formula, matched_to_cases(table, shapes.case_ids))
     matrix, tested = design.matrix, design.places("group")
-    found = model.scores[:, : modes_carried(model, matrix)]
+    modes = modes_carried(model, matrix)
+    found = model.scores[:, :modes]
     in_mm = model.scores * model.standard_deviations
     own = scores[:, [SHIFTED]]
+    (place,) = tested
     return {
         "hotelling": multivariate_test(found, matrix, tested, permutations, generator).p,
         "procrustes": procrustes_test(in_mm, matrix, tested, permutations, generator).p,
         "true_score": float(mode_tests(own, matrix, tested, permutations, generator)[0]),
+        "hotelling_theory": power(shift, matrix, place, modes, 0.01),
+        "true_score_theory": power(shift, matrix, place, 1, 0.01),
+        "modes": modes,
     }
 
 

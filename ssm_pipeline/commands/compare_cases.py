@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.export.comparison_files import write_comparison
 from ssm_pipeline.records import StudyError
-from ssm_pipeline.stages.run import load_run
+from ssm_pipeline.stages.report import renew_report
+from ssm_pipeline.stages.run import COMPARISONS, load_run
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 from ssm_pipeline.study.study import read_run_settings
@@ -31,9 +30,9 @@ def compare_cases(
     permutations: int = 4999,
     terminal: Terminal | None = None,
 ) -> ShapeComparison:
-    """Test the formula's terms, and write tables, maps and a page to `folder` (in the run's own,
-    named after the formula, where None).
+    """Test the formula's terms, and write tables, maps and a page of them to `folder`.
 
+    folder  None: in the run's own, named after the formula; the run's report then shows it too.
     Raises StudyError for a table or a formula that does not fit the run.
     """
     from ssm_pipeline.report.compare_page import write_compare_page
@@ -51,18 +50,22 @@ def compare_cases(
         permutations,
     )
     words = re.sub(r"[^a-z0-9]+", "-", formula.lower()).strip("-")
-    folder = folder or run_folder / "compare" / words
-    note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
-    write_comparison(result, folder)
+    place = folder or run_folder / COMPARISONS / words
+    note_export(run_folder, place)  # it names the cases: `workflow forget` tells of it
+    write_comparison(result, place, run.model_key)
+    page = place / "index.html"
     name = run.folder.resolve().name
-    write_compare_page(result, run.model, folder / "index.html", name, settings.is_synthetic)
+    write_compare_page(result, run.model, page, name, settings.is_synthetic)
+    report = renew_report(run, settings.report) if folder is None else None
     for row in result.tests.itertuples():
         terminal.say(
             f"{row.term}   p = {row.hotelling_p:.4g} (Hotelling, {row.modes} modes), "
             f"{row.procrustes_p:.4g} (Procrustes, all)   explains "
             f"{row.explained_percent:.1f} % of the variance that the others leave"
         )
-    terminal.say(f"page: {folder / 'index.html'}")
+    terminal.say(f"page: {page}")
+    if report is not None:
+        terminal.say(f"tab Compare: {report}")
     return result
 
 
@@ -77,28 +80,3 @@ def read_table(path: Path) -> pd.DataFrame:
         return pd.read_csv(path, sep=separator, dtype=text)
     except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
         raise StudyError(f"the table {path} can't be read: {error}.") from error
-
-
-def write_comparison(result: ShapeComparison, folder: Path) -> None:
-    """tests.csv, modes.csv, power.csv, vertex_maps.npz, and compare.json: what was asked."""
-    for name in ("tests", "modes", "power"):
-        with storage.written_whole(folder / f"{name}.csv") as temporary:
-            getattr(result, name).to_csv(temporary, index=False)
-    arrays: dict[str, np.ndarray] = {}
-    for index, one in enumerate(result.maps):
-        arrays |= {
-            f"displacement_mm_{index}": one.displacement_mm,
-            f"p_{index}": one.p,
-            f"q_{index}": one.q,
-        }
-    with storage.written_whole(folder / "vertex_maps.npz") as temporary:
-        np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]
-    about = {
-        "formula": result.design.formula,
-        "cases": len(result.design.matrix),
-        "columns": [dataclasses.asdict(column) for column in result.design.columns],
-        "modes_tested_together": result.mode_count,
-        "maps": [one.name for one in result.maps],
-        "tests": json.loads(result.tests.to_json(orient="records")),
-    }
-    storage.write_json(folder / "compare.json", about)

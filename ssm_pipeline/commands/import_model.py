@@ -18,6 +18,7 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel, load_model
+from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.stages.run import Frames, Run
 from ssm_pipeline.study.settings import StudySettings
 
@@ -57,7 +58,7 @@ def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ..
         }
     )
     _write_run(model, settings, folder)
-    _write_report(folder, settings)
+    renew_report(Run(folder), settings.report)
     return folder
 
 
@@ -137,10 +138,3 @@ def _record(stage: str, case_ids: tuple[str, ...], key: str) -> StageRecord:
         case_keys={},
         note="imported",
     )
-
-
-def _write_report(folder: Path, settings: StudySettings) -> None:
-    from ssm_pipeline.report.page import write_page
-    from ssm_pipeline.stages.report import report_content
-
-    write_page(report_content(Run(folder)), folder / "report" / "index.html", settings.report)

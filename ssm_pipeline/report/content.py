@@ -14,6 +14,7 @@ from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
 from ssm_pipeline.report.case_names import short_names
 from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model.model import ShapeModel
+from ssm_pipeline.statistics.compare import ShapeComparison
 
 _NEEDED_COLUMNS = {
     "compactness": {"modes", "share"},
@@ -66,6 +67,7 @@ class ReportContent:
     training: pd.DataFrame | None = None
     check: pd.DataFrame | None = None
     check_pictures: Mapping[str, bytes] = field(default_factory=dict)
+    comparisons: tuple[ShapeComparison, ...] = ()
 
     def __post_init__(self) -> None:
         case_ids = self.aligned.case_ids

@@ -12,6 +12,7 @@ import pandas as pd
 from ssm_pipeline import storage
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.report.cohort_check import check_cases
+from ssm_pipeline.report.comparisons import comparison_tables
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.method_table import method_tables
 from ssm_pipeline.report.page_tables import page_tables
@@ -48,6 +49,7 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         methods=method_tables(metrics),
         methods_95=method_tables(at_95),
         check=check_cases(content),
+        comparisons=comparison_tables(content.comparisons, content.names),
         warning=collapse_warning(content.training),
         chamfer_floor=_chamfer_floor(content),
         settings=list(flattened(content.settings)),
@@ -68,8 +70,10 @@ def _tabs(description: Mapping[str, Any]) -> list[tuple[str, str]]:
         "Quality",
         "Training",
         "Cohort",
+        "Compare",
     ]
-    return [(name.lower(), name) for name in names if name != "Training" or description["training"]]
+    absent = {name for name in ("training", "compare") if not description.get(name)}
+    return [(name.lower(), name) for name in names if name.lower() not in absent]
 
 
 def _facts(content: ReportContent) -> list[tuple[str, str, str]]:

@@ -13,6 +13,7 @@ import pandas as pd
 
 from ssm_pipeline.export.glb import glb_bytes
 from ssm_pipeline.records import ShapePath
+from ssm_pipeline.report.comparisons import comparison_description
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.curves import DISTANCES, distances_in, quality_curves
 from ssm_pipeline.report.distortion_charts import distortion_charts
@@ -77,6 +78,12 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
         "training": training_charts(content.training),
         "distortion": distortion_charts(content),
     }
+    if content.comparisons:
+        block = Block()
+        description["compare"] = comparison_description(
+            content.comparisons, model, content.names, settings, block
+        )
+        blocks["block-compare"] = block.base64()
     return Payload(plain(description), blocks)
 
 

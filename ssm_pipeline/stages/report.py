@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_files
+from ssm_pipeline.engine.left_files import files_of_stage
 from ssm_pipeline.engine.process import versions
-from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
+from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.stages.context import Context
 from ssm_pipeline.stages.landmark_file import landmarks_on_template, read_landmarks
 from ssm_pipeline.stages.run import Run
@@ -31,14 +35,32 @@ def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
 
 def write_report(context: Context) -> Outcome:
     """index.html: the page, one file."""
+    _write_page(Run(context.run_folder), context.settings.report)
+    return Outcome(context.case_keys)
+
+
+def renew_report(run: Run, settings: ReportSettings) -> Path | None:
+    """Write the page of a finished run again, with the comparisons made since; None where the run
+    has no report yet."""
+    record = StageRecord.read(run.folder / "report")
+    if record is None:
+        return None
+    path = _write_page(run, settings)
+    files = storage.fingerprints(path.parent, files_of_stage(path.parent))
+    dataclasses.replace(record, files=files).write(path.parent)
+    return path
+
+
+def _write_page(run: Run, settings: ReportSettings) -> Path:
     from ssm_pipeline.report.page import write_page
 
-    run, path = Run(context.run_folder), context.settings.report.landmarks
     content = report_content(run)
-    if path is not None:
-        content = dataclasses.replace(content, landmarks=landmarks_on_template(path, run))
-    write_page(content, context.folder() / "index.html", context.settings.report)
-    return Outcome(context.case_keys)
+    if settings.landmarks is not None:
+        landmarks = landmarks_on_template(settings.landmarks, run)
+        content = dataclasses.replace(content, landmarks=landmarks)
+    path = run.folder / "report" / "index.html"
+    write_page(content, path, settings)
+    return path
 
 
 def report_content(run: Run) -> ReportContent:
@@ -79,6 +101,7 @@ def report_content(run: Run) -> ReportContent:
         seed=run.settings["seed"],
         training=_losses(run),
         check=run.cohort_check,
+        comparisons=run.comparisons,
         check_pictures={
             path.stem: path.read_bytes()
             for path in sorted((run.folder / "cohort_check" / "pictures").glob("*.png"))

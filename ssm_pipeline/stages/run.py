@@ -11,11 +11,14 @@ import pandas as pd
 import yaml
 
 from ssm_pipeline import storage
+from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.export.comparison_files import ABOUT_FILE, read_comparison
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import (
     CorrespondedShapes,
     Correspondence,
+    DamagedFile,
     Dropped,
     Mesh,
     Metrics,
@@ -23,6 +26,9 @@ from ssm_pipeline.records import (
     StudyError,
 )
 from ssm_pipeline.shape_model.model import ShapeModel, load_model
+from ssm_pipeline.statistics.compare import ShapeComparison
+
+COMPARISONS = "compare"  # the folder of a run that `workflow compare` writes to
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,28 @@ class Run:
     def metrics(self) -> Metrics:
         """The evaluation's tables by name, units in the column names."""
         return storage.load_tables(self._file("evaluation", "stage.json").parent)
+
+    @property
+    def model_key(self) -> str:
+        """What tells this model from another: results of others' are not shown as its own."""
+        model = self.model
+        return key_of_arrays(model.mean, model.modes, model.variances, model.scores)
+
+    @property
+    def comparisons(self) -> tuple[ShapeComparison, ...]:
+        """What `workflow compare` found of this model, by formula. Raises StudyError for files that
+        are damaged."""
+        try:
+            return tuple(
+                read_comparison(path.parent)
+                for path in sorted((self.folder / COMPARISONS).glob(f"*/{ABOUT_FILE}"))
+                if storage.read_json(path).get("model_key") == self.model_key
+            )
+        except DamagedFile as error:
+            raise StudyError(
+                f"the comparison {error.path.parent} can't be shown: {error.path.name} "
+                f"{error.found}. Delete that folder, or compare anew."
+            ) from error
 
     @property
     def mesh_quality(self) -> pd.DataFrame:

@@ -13,9 +13,11 @@ WANTED_POWER = 0.8
 EFFECTS_SD = (0.2, 0.5, 0.8, 1.0, 1.5)  # Cohen's small, medium, large; and beyond
 
 
-def power(effect_sd: float, matrix: np.ndarray, place: int, modes: int) -> float:
-    """The chance to find an effect of one column at the 5 % level, by the F test that Hotelling's
-    T² follows for normal scores.
+def power(
+    effect_sd: float, matrix: np.ndarray, place: int, modes: int, level: float = LEVEL
+) -> float:
+    """The chance to find an effect of one column at a level, by the F test that Hotelling's T²
+    follows for normal scores.
 
     effect_sd  how far one step of the column moves the shape, in standard deviations of what the
                other columns leave (Mahalanobis), in any direction of the `modes` tested.
@@ -27,13 +29,13 @@ def power(effect_sd: float, matrix: np.ndarray, place: int, modes: int) -> float
     count, columns = matrix.shape
     within = count - columns - modes + 1
     if within < 1:
-        return LEVEL
+        return level
     rest = np.delete(matrix, place, axis=1)
     column = matrix[:, place]
     left = column - rest @ np.linalg.lstsq(rest, column, rcond=None)[0]
     noncentral = effect_sd**2 * float(left @ left)
-    critical = central_f.isf(LEVEL, modes, within)
-    return float(ncf.sf(critical, modes, within, noncentral)) if noncentral else LEVEL
+    critical = central_f.isf(level, modes, within)
+    return float(ncf.sf(critical, modes, within, noncentral)) if noncentral else level
 
 
 def detectable_sd(matrix: np.ndarray, place: int, modes: int) -> float:

@@ -189,12 +189,42 @@ def test_shapes_are_compared_with_covariates(workflow: Workflow, run: Path):
     about = json.loads(Path("out/compare.json").read_text())
     assert about["maps"] == ["group: small against large"]
     assert "~ group" in Path("out/index.html").read_text(encoding="utf-8")
+    assert "tab Compare" not in said.stdout  # it was sent elsewhere: the run is left as it was
     refused = workflow(*words, "--formula", "~ hight")
     assert refused.code == 1
     assert "names hight, and the table has group, age" in refused.stderr
     table.iloc[1:].to_csv("people.tsv", sep="\t", index=False)
     refused = workflow(*words, "--formula", "~ age")
     assert f"1 in the model but not in the table: {IDS[0]}" in refused.stderr
+
+
+def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
+    workflow: Workflow, run: Path, tmp_path: Path
+):
+    own = tmp_path / "runs" / "organ"
+    shutil.copytree(run, own)
+    pd.DataFrame({"case_id": IDS, "age": np.linspace(40, 70, 12)}).to_csv("a.csv", index=False)
+    words = ("--covariates", "a.csv", "--permutations", "99")
+    said = workflow("compare", str(own), *words, "--formula", "~ age")
+    assert said.code == 0, said.stderr
+    assert f"tab Compare: {own / 'report' / 'index.html'}" in said.stdout
+    page = (own / "report" / "index.html").read_text(encoding="utf-8")
+    assert 'id="tab-compare"' in page
+    assert workflow("verify", str(own)).code == 0  # the report is as it was written
+    (read,) = load_run(own).comparisons
+    table = pd.read_csv(own / "compare" / "age" / "tests.csv")
+    pd.testing.assert_frame_equal(read.tests, table)
+    np.testing.assert_allclose(read.design.matrix[:, 1], np.linspace(40, 70, 12))
+    assert read.maps[0].displacement_mm.shape == load_run(own).model.mean.shape
+    # Of another model, it is not shown as this one's; damaged, it is named.
+    about = json.loads((own / "compare" / "age" / "compare.json").read_text())
+    other = json.dumps(about | {"model_key": "another"})
+    (own / "compare" / "age" / "compare.json").write_text(other)
+    assert load_run(own).comparisons == ()
+    (own / "compare" / "age" / "compare.json").write_text(json.dumps(about))
+    (own / "compare" / "age" / "power.csv").unlink()
+    again = workflow("compare", str(own), *words, "--formula", "~ age + 1")
+    assert "compare/age can't be shown: power.csv is missing" in again.stderr
 
 
 def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path):

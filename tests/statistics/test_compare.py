@@ -109,6 +109,8 @@ def test_shares_and_intervals():
 def test_power_is_that_of_the_t_test_for_one_mode():
     theirs = TTestIndPower().power(0.8, nobs1=20, alpha=0.05)
     assert power(0.8, DESIGN, 1, 1) == pytest.approx(theirs, abs=1e-6)
+    stricter = TTestIndPower().power(1.0, nobs1=20, alpha=0.01)
+    assert power(1.0, DESIGN, 1, 1, level=0.01) == pytest.approx(stricter, abs=1e-6)
     found = detectable_sd(DESIGN, 1, 1)
     assert power(found, DESIGN, 1, 1) == pytest.approx(0.8)
     assert detectable_sd(DESIGN, 1, 6) > found

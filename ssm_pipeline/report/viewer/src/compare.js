@@ -1,4 +1,4 @@
-// The page of a comparison: the effect on the mean shape, where it is significant, and the scores.
+// Comparisons with covariates: the effect on the mean shape, where it is significant, and scores.
 import { array } from "./data.js";
 import { legend, lookup } from "./colours.js";
 import { vertexNormals } from "./geometry.js";
@@ -10,19 +10,28 @@ const $ = (id) => document.getElementById(id);
 const MASKED = [0.5, 0.48, 0.44]; // linear light; where the effect is not significant
 const LEVEL = 0.05;
 
-export function startCompare(study, block) {
-  const mean = array(block(), study.points);
-  const faces = new Uint32Array(array(block(), study.faces));
+/** Call with the first comparison, and with another whenever the user chooses it. */
+function withEach(comparisons, use) {
+  $("compare-formula")?.addEventListener("change", (event) => use(comparisons[Number(event.target.value)], event.target.value));
+  use(comparisons[0], "0");
+}
+
+const fillWith = (select, names) => select.replaceChildren(...names.map((name, i) => new Option(name, i)));
+
+/** compare { points, faces, comparisons [{ formula, effects, covariates }], cases, scores, share }. */
+export function startCompare(compare, block) {
+  const mean = array(block(), compare.points);
+  const faces = new Uint32Array(array(block(), compare.faces));
   const colours = lookup("diverging");
   const positions = new Float32Array(mean);
   const stage = createStage($("compare-stage"), 1.1 * reach(mean), "The mean shape, coloured by the effect, in 3D");
   const shape = paintedSurface(positions, faces);
   shape.frustumCulled = false;
   stage.scene.add(shape);
-  let effect, shownShare = 0;
+  let effects, effect, shownShare = 0;
 
   function choose(index) {
-    const place = study.effects[index];
+    const place = effects[index];
     effect = { ...place, ...Object.fromEntries(["displacement", "along", "p", "q"].map((name) => [name, array(block(), place[name])])) };
     update();
   }
@@ -57,19 +66,29 @@ export function startCompare(study, block) {
   $("compare-effect").addEventListener("change", (event) => choose(Number(event.target.value)));
   $("compare-mask").addEventListener("change", update);
   $("compare-scale").addEventListener("input", update);
-  choose(0);
+  withEach(compare.comparisons, (comparison) => {
+    ({ effects } = comparison);
+    fillWith($("compare-effect"), effects.map((e) => e.name));
+    choose(0);
+  });
   return { positions: () => positions.slice(), shownShare: () => shownShare, drawNow: stage.drawNow };
 }
 
-export function showScores(study) {
+/** The tests and the scores of the chosen comparison. */
+export function showCompared(compare) {
   const select = $("scores-covariate");
-  select.append(...study.covariates.map((c, i) => new Option(c.name, i)));
+  let covariates;
   const show = () => {
-    const covariate = study.covariates[Number(select.value)];
-    $("scores-charts").replaceChildren(...study.scores.map((scores, mode) =>
-      scatterChart(covariate, scores, study.cases, `Mode ${mode + 1} (${(100 * study.share[mode]).toFixed(1)} % of variance)`),
+    const covariate = covariates[Number(select.value)];
+    $("scores-charts").replaceChildren(...compare.scores.map((scores, mode) =>
+      scatterChart(covariate, scores, compare.cases, `Mode ${mode + 1} (${(100 * compare.share[mode]).toFixed(1)} % of variance)`),
     ));
   };
   select.addEventListener("change", show);
-  show();
+  withEach(compare.comparisons, (comparison, index) => {
+    for (const part of document.querySelectorAll(".compared")) part.hidden = part.dataset.comparison !== index;
+    ({ covariates } = comparison);
+    fillWith(select, covariates.map((c) => c.name));
+    show();
+  });
 }

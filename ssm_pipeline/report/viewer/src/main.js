@@ -1,6 +1,6 @@
 // Entry: reads the page's data and starts each tab when it is first opened.
 import { legend } from "./colours.js";
-import { showScores, startCompare } from "./compare.js";
+import { showCompared, startCompare } from "./compare.js";
 import { startCorrespondence } from "./correspondence.js";
 import { block, readModel } from "./data.js";
 import { startFit } from "./fit.js";
@@ -32,7 +32,7 @@ const fitBlock = once(() => block("block-fit"));
  *   viewer.interpolation.set(t, ts), .positions(), .distortion()
  *   viewer.correspondence.order()   the cases as shown
  *   viewer.fit.show(i), .patient(), .values("residual" | "radius")   the page of new patients
- *   viewer.compare.positions(), .shownShare()   the page of a comparison
+ *   viewer.compare.positions(), .shownShare()   comparisons
  *   viewer.study                    the page's description of the study
  */
 window.viewer = { study };
@@ -59,8 +59,10 @@ const in3D = (name, start) => () => {
 };
 
 startTabs({
-  compare: in3D("compare", () => startCompare(study, compareBlock)),
-  scores: () => showScores(study),
+  compare() {
+    showCompared(study.compare);
+    in3D("compare", () => startCompare(study.compare, compareBlock))();
+  },
   fit: in3D("fit", () => startFit(study, fitBlock)),
   overview() {
     showQuality(document.getElementById("overview-charts"), study, distances[0], study.methods[FULL] && FULL);
