@@ -53,16 +53,17 @@ def fit_patients(
     if by not in WAYS:
         raise StudyError(f"--by {by}: {' or '.join(WAYS)} is needed.")
     _refuse_doubled(files)
-    shapes = shapes_to_judge_by(run, settings, terminal)
-    reference = reference_of(run, shapes, settings, jobs, terminal)
+    shapes, meshes = cases_to_judge_by(run, settings, terminal)
+    reference = reference_of(run, shapes, meshes, settings, jobs, terminal)
     fits: list[FitReport] = []
     for path in files:
         try:
             surface = patient_surface(read_patient(path, settings.data, how), settings)
-            matched = _matched(run, settings, surface) if by == "matcher" else None
+            matched = matched_to_template(run, settings, surface) if by == "matcher" else None
             fit = fit_patient(
                 run.model,
                 shapes,
+                meshes,
                 reference,
                 surface,
                 settings.shape_model.with_scale,
@@ -92,11 +93,14 @@ def fit_patients(
     return fits
 
 
-def shapes_to_judge_by(run: Run, settings: StudySettings, terminal: Terminal) -> CorrespondedShapes:
-    """The run's own cases; where they are too few, shapes drawn from the model in their place."""
+def cases_to_judge_by(
+    run: Run, settings: StudySettings, terminal: Terminal
+) -> tuple[CorrespondedShapes, list[Mesh]]:
+    """The run's own cases, and their meshes; where they are too few, shapes drawn from the model in
+    their place."""
     shapes, model = run.shapes, run.model
     if len(shapes.case_ids) >= FEWEST_CASES:
-        return shapes
+        return shapes, [run.mesh(case_id) for case_id in shapes.case_ids]
     count = max(DRAWN_CASES, 2 * model.mode_count)
     terminal.say(
         f"the model has {len(shapes.case_ids)} cases of its own, and fits are judged by "
@@ -105,23 +109,25 @@ def shapes_to_judge_by(run: Run, settings: StudySettings, terminal: Terminal) ->
     )
     drawn = model.sample(count, np.random.default_rng(settings.seed))
     ids = tuple(f"drawn_{index:03d}" for index in range(count))
-    return CorrespondedShapes(drawn, model.faces, ids, ids[0])
+    meshes = [Mesh(shape, model.faces, name) for shape, name in zip(drawn, ids, strict=True)]
+    return CorrespondedShapes(drawn, model.faces, ids, ids[0]), meshes
 
 
 def reference_of(
-    run: Run, shapes: CorrespondedShapes, settings: StudySettings, jobs: int, terminal: Terminal
+    run: Run,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    settings: StudySettings,
+    jobs: int,
+    terminal: Terminal,
 ) -> CrossValidation:
     """The cross-validation of a run's model, made once and kept in `<run>/fitting/`."""
-    key = key_of(key_of_arrays(shapes.vertices), settings.shape_model, settings.seed)
+    surfaces = [key_of_arrays(mesh.vertices, mesh.faces) for mesh in meshes]
+    key = key_of(key_of_arrays(shapes.vertices), surfaces, settings.shape_model, settings.seed)
     path = run.folder / "fitting" / f"cross_validation-{key[:12]}.npz"
     if path.is_file():
         return storage.load(CrossValidation, path)
     terminal.say(f"fitting the model's own {len(shapes.case_ids)} cases, each left out, once")
-    own = shapes.case_ids == run.cases
-    meshes = [
-        run.mesh(case_id) if own else Mesh(vertices, shapes.faces, case_id)
-        for case_id, vertices in zip(shapes.case_ids, shapes.vertices, strict=True)
-    ]
     with_scale = settings.shape_model.with_scale
     reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs)
     storage.save(reference, path)
@@ -144,7 +150,7 @@ def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
     return opened_at_image_border(mesh, patient, margin)
 
 
-def _matched(run: Run, settings: StudySettings, surface: Mesh) -> np.ndarray:
+def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.ndarray:
     """(V, 3) mm: the surface where the template's vertices are, by the network, adaptation, and the
     study's groupwise rounds, of the run's own cases. Raises CaseError for an open surface."""
     from ssm_pipeline.adaptation.correspond import correspond, correspond_again

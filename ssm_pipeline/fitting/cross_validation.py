@@ -14,7 +14,7 @@ from joblib import Parallel, delayed
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from ssm_pipeline.fitting.model_fit import Fit, fit
+from ssm_pipeline.fitting.model_fit import Fit, fit, normal_variance
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
@@ -26,16 +26,28 @@ FEWEST_CASES = 6  # so that five remain for each model, and a spread of six can 
 
 
 @dataclass(frozen=True, eq=False)
+class LeftOutFits:
+    """Of N cases, each fitted without being in the model.
+
+    distances_mm (N, V): from the fitted vertices to the case's whole surface; stated_mm2 (N, V):
+    the variances stated for them; score_errors (N, M): in the standard deviations stated.
+    """
+
+    distances_mm: np.ndarray
+    stated_mm2: np.ndarray
+    score_errors: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class CrossValidation:
     """The leave-one-out fits of N cases, per case (N,).
 
     residual_mm      mean distance of the fitted surface from the case's.
     mahalanobis      of the fitted scores, standard deviations.
-    score_errors     (N, M) (fitted − true score) / stated standard deviation; true: by
+    distances_mm, stated_mm2 (N, V), score_errors (N, M): `left_out`. True scores are those by
                      correspondence.
     turned_deg       from the cases' mean orientation, upright (3, 3): model → scanner.
     size             of the case against the mean, 1 unless the model is without size.
-    distance_rms_mm  (V,) root mean square over the cases of a fitted vertex's distance.
     """
 
     case_ids: tuple[str, ...]
@@ -45,11 +57,12 @@ class CrossValidation:
     turned_deg: np.ndarray
     size: np.ndarray
     upright: np.ndarray
-    distance_rms_mm: np.ndarray
+    distances_mm: np.ndarray
+    stated_mm2: np.ndarray
 
     @property
-    def score_inflation(self) -> float:
-        return score_inflation(self.score_errors)
+    def left_out(self) -> LeftOutFits:
+        return LeftOutFits(self.distances_mm, self.stated_mm2, self.score_errors)
 
 
 def cross_validate(
@@ -74,7 +87,7 @@ def cross_validate(
         delayed(_left_out)(shapes, index, mesh, with_scale, seed)
         for index, mesh in enumerate(meshes)
     )
-    fits: list[Fit] = [fitted for fitted, _ in work]
+    fits: list[Fit] = [fitted for fitted, _, _ in work]
     _, frames = align(shapes, with_scale)
     turns = Rotation.from_matrix(np.stack([frame.inverse().rotation for frame in frames]))
     upright = turns.mean()
@@ -82,11 +95,12 @@ def cross_validate(
         case_ids=shapes.case_ids,
         residual_mm=np.array([fitted.residual_mm for fitted in fits]),
         mahalanobis=np.array([fitted.mahalanobis for fitted in fits]),
-        score_errors=of_common_modes([errors for _, errors in work]),
+        score_errors=of_common_modes([errors for _, _, errors in work]),
         turned_deg=np.degrees((upright.inv() * turns).magnitude()),
         size=np.array([fitted.frame.scale for fitted in fits]),
         upright=upright.as_matrix(),
-        distance_rms_mm=np.sqrt(np.mean([fitted.distances_mm**2 for fitted in fits], axis=0)),
+        distances_mm=np.stack([fitted.distances_mm for fitted in fits]),
+        stated_mm2=np.stack([stated for _, stated, _ in work]),
     )
 
 
@@ -123,8 +137,9 @@ def model_without(
 
 def _left_out(
     shapes: CorrespondedShapes, index: int, mesh: Mesh, with_scale: bool, seed: int
-) -> tuple[Fit, np.ndarray]:
+) -> tuple[Fit, np.ndarray, np.ndarray]:
+    """The fit, its `normal_variance`, and the scores' errors."""
     model, start = model_without(shapes, index, with_scale)
     fitted = fit(model, mesh, start, with_scale, seed=seed)
     true = model.coefficients(start.inverse().apply(shapes.vertices[index]))
-    return fitted, (fitted.scores - true) / fitted.score_sd
+    return fitted, normal_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

@@ -128,6 +128,14 @@ def fit(
     )
 
 
+def normal_variance(model: ShapeModel, fitted: Fit) -> np.ndarray:
+    """(V,) mm², in the surface's own: what the posterior of the scores leaves open, along the
+    normals of the fitted vertices."""
+    normals = vertex_normals(model.reconstruct(fitted.scores), model.faces)
+    along = np.einsum("mvd,vd->vm", model.modes, normals) * model.standard_deviations
+    return fitted.frame.scale**2 * np.einsum("vm,mn,vn->v", along, fitted.covariance, along)
+
+
 @dataclass(frozen=True, eq=False)
 class _Pairs:
     """Points of the model with where they should be, all in the model's frame.

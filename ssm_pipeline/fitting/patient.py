@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 
-from ssm_pipeline.fitting.completion import Uncertainty, normal_variance, uncertainty
+from ssm_pipeline.fitting.completion import fits_of_parts, uncertainty
 from ssm_pipeline.fitting.cross_validation import CrossValidation
 from ssm_pipeline.fitting.matched_fit import fit_points
 from ssm_pipeline.fitting.model_fit import Fit, fit
@@ -82,6 +83,7 @@ class FitReport:
 def fit_patient(
     model: ShapeModel,
     shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
     reference: CrossValidation,
     surface: Mesh,
     with_scale: bool = False,
@@ -91,7 +93,8 @@ def fit_patient(
 ) -> FitReport:
     """Fit a surface from several starts, judge it, and say how uncertain each vertex is.
 
-    shapes     the model's cases as matched; reference: `cross_validate` of them.
+    shapes     the model's cases as matched, and their own meshes; reference: `cross_validate` of
+               both.
     surface    in millimetres; open where it was cut off.
     matched    (V, 3) mm on the surface, matched to the template's vertices by the network and
                adaptation; None: the model finds its own place. Whether the patient is of the
@@ -110,9 +113,10 @@ def fit_patient(
             f"a part of the surface is missing: {own.observed.mean():.0%} of the model's vertices "
             "were seen, the rest is completed"
         )
-        spread = uncertainty(model, own, shapes, with_scale, seed, jobs)
+        left_out = fits_of_parts(shapes, meshes, own.observed, with_scale, seed, jobs)
     else:
-        spread = _of_a_whole(model, fitted, reference)
+        left_out = reference.left_out
+    spread = uncertainty(model, fitted, left_out)
     margin = norm.isf((1 - INTERVAL) / 2) * spread.score_inflation * fitted.score_sd
     reconstruction = SurfaceTarget.of(fitted.vertices, model.faces)
     return FitReport(
@@ -176,13 +180,3 @@ def _trials(
         fit(model, surface, start.frame, with_scale, points=TRIAL_POINTS, seed=seed)
         for start in starts
     ]
-
-
-def _of_a_whole(model: ShapeModel, fitted: Fit, reference: CrossValidation) -> Uncertainty:
-    """Of a surface that was all seen: from the cross-validated fits, which are of whole surfaces.
-
-    With nothing hidden the errors were the fits' own distances, about normal for each vertex.
-    """
-    variance = normal_variance(model, fitted) + reference.distance_rms_mm**2
-    sd = np.sqrt(variance)
-    return Uncertainty(sd, norm.isf(0.05) * sd, reference.score_inflation)
