@@ -38,7 +38,7 @@ from ssm_pipeline.fitting.completion import fits_of_parts, uncertainty
 from ssm_pipeline.fitting.cross_validation import CrossValidation, model_without
 from ssm_pipeline.fitting.model_fit import Fit, fit
 from ssm_pipeline.fitting.partial import without_faces
-from ssm_pipeline.fitting.patient import FitReport, fit_patient
+from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
 from ssm_pipeline.fitting.pose_search import start_poses
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import Mask, Mesh
@@ -90,16 +90,8 @@ class Lab:
         print(f"the model's own cases, each left out: {time.perf_counter() - start:.0f} s")
 
     def fitted(self, surface: Mesh, matched: np.ndarray | None = None) -> FitReport:
-        return fit_patient(
-            self.model,
-            self.shapes,
-            self.meshes,
-            self.reference,
-            surface,
-            matched=matched,
-            seed=self.settings.seed,
-            jobs=JOBS,
-        )
+        yardstick = Yardstick(self.model, self.shapes, self.meshes, self.reference)
+        return fit_patient(yardstick, surface, matched, self.settings.seed, JOBS)
 
     def whole(self, masks: dict[str, Mask]) -> pd.DataFrame:
         """Both ways of fitting, and the range of the model's own cases."""

@@ -5,18 +5,17 @@ Source: Setio et al. 2017, https://luna16.grand-challenge.org.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from data_prep.image_files import image_stem, image_suffix, is_image
 from data_prep.images import LabelImage, read_labels, select_labels
-from data_prep.selection import choose, cohort_of, unique_by_id
+from data_prep.selection import ALL, Choice, choose, cohort_of, unique_by_id
 from data_prep.sides import load_mirrored
 from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError, Surface
 
@@ -28,21 +27,17 @@ MASK_FOLDER = "seg-lungs-LUNA16"
 def find_cases(
     folder: Path,
     side: Side = "left",
-    cases: tuple[str, ...] | None = None,
-    limit: int | None = None,
     subset: int | None = None,
     allow_truncated: bool = True,
-    mirror: Literal["left", "right"] | None = None,
-    exclude: Mapping[str, str] = MappingProxyType({}),
+    choice: Choice = ALL,
 ) -> Cohort:
     """The lung masks of a LUNA16 download; nothing is read before a case is loaded.
 
     folder  holds the masks, or a `seg-lungs-LUNA16` folder with them.
     side    `both` makes two cases of each scan, `<seriesuid>.left` and `<seriesuid>.right`.
-    cases   series UIDs, in the order wanted; all if None. limit counts scans.
     subset  keeps the scans whose CT lies in `subset<k>/*.mhd` beside the masks' folder.
-    mirror  of `both`, the side that is reflected, so that left and right are one cohort.
-    exclude case id, or series UID for both sides, → why it is left out.
+    choice  of series UIDs; limit counts scans. mirror is of `both`; exclude names a case, or a
+            series UID for both its sides.
     Raises  StudyError for a folder without masks, a missing subset, an unknown or doubled case.
     """
     masks = _mask_folder(folder)
@@ -60,15 +55,15 @@ def find_cases(
             raise StudyError(f"none of the masks in {masks} belongs to a CT of subset{subset}.")
     sides: tuple[Side, ...] = ("left", "right") if side == "both" else (side,)
     sources = []
-    for uid, path in choose(by_id, cases, limit).items():
+    for uid, path in choose(by_id, choice).items():
         for one in sides:
             case_id = f"{uid}.{one}" if side == "both" else uid
             load: Callable[[], Mask | Surface]
             load = partial(_load, path, one, case_id, allow_truncated)
-            if one == mirror:
+            if one == choice.mirror:
                 load = partial(load_mirrored, load)
             sources.append(CaseSource(case_id, _files_of(path), load, patient=uid))
-    return cohort_of("luna16", sources, exclude)
+    return cohort_of("luna16", sources, choice.exclude)
 
 
 def _load(path: Path, side: Side, case_id: str, allow_truncated: bool) -> Mask:

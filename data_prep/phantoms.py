@@ -15,6 +15,7 @@ import SimpleITK as sitk
 from data_prep import luna16, mask_folder, smooth_phantoms
 from data_prep.phantom_cases import draw_cases, family_named, scan, truth_of
 from data_prep.phantom_settings import PhantomSettings
+from data_prep.selection import Choice
 from ssm_pipeline import storage
 from ssm_pipeline.geometry.affine import affine_share
 from ssm_pipeline.records import Cohort, PhantomTruth, StudyError
@@ -58,11 +59,11 @@ def read_cohort(folder: Path) -> Cohort:
         raise StudyError(f"{folder} holds no finished phantom cohort. Make it with make_cohort.")
     truth = storage.load(PhantomTruth, path)
     if truth.labels is None:
-        scans = luna16.find_cases(folder, side="left", cases=truth.case_ids)
+        scans = luna16.find_cases(folder, side="left", choice=Choice(truth.case_ids))
     else:
         family = storage.read_json(marker)["settings"]["family"]
-        organ = family_named(family).organ
-        scans = mask_folder.find_cases(folder, (1, 2), organ=organ, cases=truth.case_ids)
+        organ = mask_folder.Organ((1, 2), name=family_named(family).organ)
+        scans = mask_folder.find_cases(folder, organ, choice=Choice(truth.case_ids))
     return replace(scans, name="phantoms", truth=truth)
 
 

@@ -5,14 +5,35 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
+from data_prep.sides import Side
 from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
 
 LONGEST_ID = 200  # bytes: the id names folders and, with a suffix, files; 255 is the system's limit
 _OF_A_RUN = re.compile(
     r".*\.(csv|json|npz|pt|html|png|ya?ml|lock)|round-\d+|retrained-folds|paths", re.I
 )
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which of the cases found are taken, and how.
+
+    cases    ids, in the order wanted; None: all.
+    limit    at most so many; None: all.
+    mirror   the side that is reflected, so that left and right are one cohort.
+    exclude  case id, or patient, → why it is left out.
+    """
+
+    cases: tuple[str, ...] | None = None
+    limit: int | None = None
+    mirror: Side | None = None
+    exclude: Mapping[str, str] = field(default_factory=dict)
+
+
+ALL = Choice()
 
 
 def files_below(
@@ -59,13 +80,12 @@ def unique_by_id(named_files: Iterable[tuple[str, Path]]) -> dict[str, Path]:
     return by_id
 
 
-def choose(
-    by_id: dict[str, Path], cases: tuple[str, ...] | None, limit: int | None
-) -> dict[str, Path]:
-    """The named cases in the order named (all if None), at most `limit` of them.
+def choose(by_id: dict[str, Path], choice: Choice) -> dict[str, Path]:
+    """The files of the cases chosen.
 
     Raises StudyError for a name that was not found or is given twice, or a limit below 1.
     """
+    cases, limit = choice.cases, choice.limit
     if limit is not None and limit < 1:
         raise StudyError(f"limit is {limit}; at least 1 case is needed.")
     if cases is not None:

@@ -36,12 +36,14 @@ def side_in_name(case_id: str) -> tuple[Side | None, str]:
     return found[0][0], rest.strip("._ -")
 
 
-def mirror_side(sources: Sequence[CaseSource], mirrored: Side) -> list[CaseSource]:
+def mirror_side(sources: Sequence[CaseSource], mirrored: Side | None) -> list[CaseSource]:
     """The sources, those of one side reflected when loaded (x → −x), each with its patient:
-    the one that it has, or the id without its side.
+    the one that it has, or the id without its side. None: as they are.
 
     Raises StudyError where an id does not say its side.
     """
+    if mirrored is None:
+        return list(sources)
     result = []
     for source in sources:
         side, patient = side_in_name(source.case_id)
@@ -61,9 +63,7 @@ def reflect(case: Mask | Surface) -> Mask | Surface:
     flip = np.array([-1.0, 1.0, 1.0])
     if isinstance(case, Surface):
         return replace(case, vertices=case.vertices * flip, faces=case.faces[:, ::-1])
-    return replace(
-        case, origin_mm=case.origin_mm * flip, direction=flip[:, None] * case.direction
-    )
+    return replace(case, origin_mm=case.origin_mm * flip, direction=flip[:, None] * case.direction)
 
 
 def load_mirrored(load: Callable[[], Mask | Surface]) -> Mask | Surface:

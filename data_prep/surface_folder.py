@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
 from data_prep.case_names import case_name, patient_of
-from data_prep.selection import choose, cohort_of, files_below, unique_by_id
-from data_prep.sides import Side, mirror_side
+from data_prep.selection import ALL, Choice, choose, cohort_of, files_below, unique_by_id
+from data_prep.sides import mirror_side
 from data_prep.surface_files import RAS_TO_LPS, SUFFIXES, is_surface, read_triangles
 from ssm_pipeline.records import CaseError, CaseSource, Cohort, Surface
 
@@ -21,7 +19,6 @@ Space = Literal["LPS", "RAS"]
 MM_OF: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # The diagonal of what could be an organ: a stapes is 4 mm long; a body 2 m.
 SMALLEST_MM, LARGEST_MM = 2.0, 3000.0
-_NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def find_cases(
@@ -29,22 +26,17 @@ def find_cases(
     pattern: str | None = None,
     unit: Unit | None = None,
     space: Space | None = None,
-    cases: tuple[str, ...] | None = None,
-    limit: int | None = None,
-    mirror: Side | None = None,
-    exclude: Mapping[str, str] = _NOTHING,
+    choice: Choice = ALL,
 ) -> Cohort:
     """The surfaces of a folder; nothing is read before a case is loaded.
 
     pattern  a glob below `folder`; None: every surface directly in it. `case_name` tells the ids.
     unit, space   as `read_surface` takes them.
-    mirror   the side that is reflected, so that left and right are one cohort.
-    exclude  case id → why it is left out.
     Raises   StudyError if nothing matches, two files share one id, or a named case is missing.
     """
     files = files_below(folder, pattern, is_surface, f"surfaces ({', '.join(SUFFIXES)})")
     by_id = unique_by_id(
-        (case_name(path, path.stem, pattern, mirror is not None), path) for path in files
+        (case_name(path, path.stem, pattern, choice.mirror is not None), path) for path in files
     )
     sources = [
         CaseSource(
@@ -53,9 +45,9 @@ def find_cases(
             partial(read_surface, path, case_id, unit, space),
             patient_of(case_id),
         )
-        for case_id, path in choose(by_id, cases, limit).items()
+        for case_id, path in choose(by_id, choice).items()
     ]
-    return cohort_of(folder.name, mirror_side(sources, mirror) if mirror else sources, exclude)
+    return cohort_of(folder.name, mirror_side(sources, choice.mirror), choice.exclude)
 
 
 def read_surface(

@@ -143,7 +143,8 @@ def matching(
     built_in: Annotated[
         str | None,
         typer.Option(
-            "--built-in", help="articulated or articulated-shapes: figures made here.",
+            "--built-in",
+            help="articulated or articulated-shapes: figures made here.",
             show_default=False,
         ),
     ] = None,
@@ -178,13 +179,18 @@ def matching(
     """Mean geodesic error on shapes with known correspondences, as the papers report it."""
     from ssm_pipeline.commands.benchmark_shapes import benchmark_shapes, built_in_shapes
     from ssm_pipeline.commands.matching_benchmark import run_matching
-    from ssm_pipeline.commands.matching_benchmark_settings import read_benchmark_settings
+    from ssm_pipeline.commands.matching_benchmark_settings import preset_for, read_preset
     from ssm_pipeline.engine.process import chosen_device
     from ssm_pipeline.engine.terminal import Terminal
 
-    settings = read_benchmark_settings(
-        data, built_in, preset, methods, steps, train, test, self_pairs, changes or []
-    )
+    given = {
+        "methods": [name.strip() for name in methods.split(",")] if methods else None,
+        "training": {"steps": steps} if steps else None,
+        "train": train,
+        "test": test,
+        "self_pairs": self_pairs or None,
+    }
+    settings = read_preset(preset_for(data, built_in, preset), changes or [], given)
     terminal = Terminal()
     name = built_in or str(data and data.resolve().name)
     folder = runs / f"matching-{name}"

@@ -13,7 +13,7 @@ from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.cross_validation import FEWEST_CASES, CrossValidation, cross_validate
 from ssm_pipeline.fitting.partial import opened_at_image_border
-from ssm_pipeline.fitting.patient import FitReport, fit_patient
+from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.records import (
     CaseError,
@@ -55,22 +55,14 @@ def fit_patients(
     _refuse_doubled(files)
     shapes, meshes = cases_to_judge_by(run, settings, terminal)
     reference = reference_of(run, shapes, meshes, settings, jobs, terminal)
+    with_scale = settings.shape_model.with_scale
+    yardstick = Yardstick(run.model, shapes, meshes, reference, with_scale)
     fits: list[FitReport] = []
     for path in files:
         try:
             surface = patient_surface(read_patient(path, settings.data, how), settings)
             matched = matched_to_template(run, settings, surface) if by == "matcher" else None
-            fit = fit_patient(
-                run.model,
-                shapes,
-                meshes,
-                reference,
-                surface,
-                settings.shape_model.with_scale,
-                matched,
-                settings.seed,
-                jobs,
-            )
+            fit = fit_patient(yardstick, surface, matched, settings.seed, jobs)
         except CaseError as error:
             terminal.say(f"left out {error.case_id}: {error.reason}")
             continue

@@ -18,7 +18,7 @@ from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.methods import FULL, WITHOUT_NETWORK, PairMethod
 from ssm_pipeline.records import Mesh, ShapePath, StudyError
-from ssm_pipeline.stages.resumable_training import key_of_start, trained_matcher
+from ssm_pipeline.stages.resumable_training import TrainingJob, key_of_start, trained_matcher
 from ssm_pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
@@ -120,20 +120,16 @@ class _Predictor:
             path = matcher_path(shapes, files, settings, method, checkpoint)
             if path != checkpoint:
                 training = training_of(settings, method)
+                label = "training" + " on the spectral loss alone" * (method == _SPECTRAL_ONLY)
+                key = path.stem.removeprefix("matcher-")
                 trained_matcher(
                     lambda: [
                         files.training_basis(shapes.meshes[index], training.faces)
                         for index in shapes.train
                     ],
-                    training,
-                    settings.seed,
-                    device,
-                    files.folder,
-                    path.stem.removeprefix("matcher-"),
-                    "training on the spectral loss alone"
-                    if method == _SPECTRAL_ONLY
-                    else "training",
-                    terminal,
+                    TrainingJob(
+                        training, settings.seed, device, files.folder, key, label, terminal
+                    ),
                 )
             self.matcher, rests_on = load_matcher(path, device), key_of_files([path])
         self.key = key_of(method, settings.spectral, settings.adaptation, settings.seed, rests_on)

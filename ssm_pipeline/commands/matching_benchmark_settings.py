@@ -46,46 +46,34 @@ class MatchingBenchmarkSettings(Settings):
     built_in: ArticulatedSettings = ArticulatedSettings()  # of --built-in shapes alone
 
 
-def read_benchmark_settings(
-    data: Path | None,
-    built_in: str | None,
-    preset: str | None,
-    methods: str | None,
-    steps: int | None,
-    train: str | None,
-    test: str | None,
-    self_pairs: bool,
-    changes: Sequence[str] = (),
-) -> MatchingBenchmarkSettings:
-    """The command line's options laid over its preset's. Raises StudyError."""
+def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> str:
+    """The preset that is meant. Raises StudyError unless either data or built-in shapes are given.
+
+    >>> preset_for(None, "articulated", None), preset_for(Path("FAUST_r"), None, None)
+    ('articulated', 'non-isometric')
+    """
     if (data is None) == (built_in is None):
         raise StudyError(
             f"give either --data FOLDER or --built-in {' or '.join(BUILT_IN)}, one of them."
         )
     if built_in is not None and built_in not in BUILT_IN:
         raise StudyError(f"--built-in {built_in}: only {' and '.join(BUILT_IN)} are built in.")
-    options: dict[str, object] = {
-        "methods": [name.strip() for name in methods.split(",")] if methods else None,
-        "training": {"steps": steps} if steps else None,
-        "train": train,
-        "test": test,
-        "self_pairs": self_pairs or None,
-    }
-    given = {name: value for name, value in options.items() if value is not None}
-    return read_preset(preset or built_in or "non-isometric", changes, given)
+    return preset or built_in or "non-isometric"
 
 
 def read_preset(
     name: str, changes: Sequence[str] = (), options: Mapping[str, object] | None = None
 ) -> MatchingBenchmarkSettings:
-    """A preset by name, or a YAML's path, with `--set` changes and other options over it.
+    """A preset by name, or a YAML's path, with `--set` changes over it, and over those the other
+    options that are not None.
 
     Raises StudyError.
     """
     path = Path(name) if name.endswith((".yaml", ".yml")) else _presets().get(name)
     if path is None or not path.is_file():
         raise StudyError(f"there is no preset {name}; known: {', '.join(_presets())}.")
-    over = [*parse_changes(changes), options or {}]
+    given = {name: value for name, value in (options or {}).items() if value is not None}
+    over = [*parse_changes(changes), given]
     content = functools.reduce(merge, over, read_yaml(path))
     return checked_as(MatchingBenchmarkSettings, content, path)
 

@@ -37,7 +37,7 @@ def specificity(
     curve over M is smooth, and its differences are far surer than its values. They are made of
     random weights of the cases (`drawn_scores`), so those of another method pair with them.
 
-    meshes   the training meshes, in the model's frame (`model_quality.move_meshes`).
+    meshes   the training meshes, in the model's frame (`aligned_cohort.move_meshes`).
     modes    the numbers of modes; by default 1 … all, or `settings.mode_counts` of them.
     jobs     processes, one number of modes each at a time; the result does not depend on it.
     Returns  one row per M: modes, chamfer_mm, chamfer_se_mm, samples; surface_mm, surface_se_mm,

@@ -80,27 +80,38 @@ class FitReport:
         return float(self.observed.mean())
 
 
+@dataclass(frozen=True, eq=False)
+class Yardstick:
+    """What patients are held against.
+
+    shapes      the model's cases as matched, and their own meshes; reference: `cross_validate` of
+                both.
+    with_scale  whether their alignment removed size.
+    """
+
+    model: ShapeModel
+    shapes: CorrespondedShapes
+    meshes: Sequence[Mesh]
+    reference: CrossValidation
+    with_scale: bool = False
+
+
 def fit_patient(
-    model: ShapeModel,
-    shapes: CorrespondedShapes,
-    meshes: Sequence[Mesh],
-    reference: CrossValidation,
+    yardstick: Yardstick,
     surface: Mesh,
-    with_scale: bool = False,
     matched: np.ndarray | None = None,
     seed: int = 0,
     jobs: int = 1,
 ) -> FitReport:
     """Fit a surface from several starts, judge it, and say how uncertain each vertex is.
 
-    shapes     the model's cases as matched, and their own meshes; reference: `cross_validate` of
-               both.
     surface    in millimetres; open where it was cut off.
     matched    (V, 3) mm on the surface, matched to the template's vertices by the network and
                adaptation; None: the model finds its own place. Whether the patient is of the
                model's kind is judged by the model's own fit in both cases.
     A surface that fits upside down or mirrored is fitted so, or as it lies, and flagged.
     """
+    model, reference, with_scale = yardstick.model, yardstick.reference, yardstick.with_scale
     own, turned, mirror_ratio = best_fit(model, surface, reference, with_scale, seed)
     typicality = judge(
         own.residual_mm, own.mahalanobis, turned, mirror_ratio, own.frame.scale, reference
@@ -113,7 +124,9 @@ def fit_patient(
             f"a part of the surface is missing: {own.observed.mean():.0%} of the model's vertices "
             "were seen, the rest is completed"
         )
-        left_out = fits_of_parts(shapes, meshes, own.observed, with_scale, seed, jobs)
+        left_out = fits_of_parts(
+            yardstick.shapes, yardstick.meshes, own.observed, with_scale, seed, jobs
+        )
     else:
         left_out = reference.left_out
     spread = uncertainty(model, fitted, left_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,27 +18,44 @@ if TYPE_CHECKING:  # at run time inside the functions: reading a finished run ne
     from ssm_pipeline.training.matcher import Matcher
 
 
+@dataclass(frozen=True)
+class TrainingJob:
+    """One training: how, where its files lie, and where it tells of itself.
+
+    key    of all that it depends on: a checkpoint of other settings or other cases is never taken
+           up. label: its name on the terminal.
+    """
+
+    settings: TrainingSettings
+    seed: int
+    device: str
+    folder: Path
+    key: str
+    label: str
+    terminal: Terminal
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.folder / f"checkpoint-{self.key}.pt"
+
+    @property
+    def matcher(self) -> Path:
+        return self.folder / f"matcher-{self.key}.pt"
+
+
 def train_resumably(
-    bases: Sequence[SpectralBasis],
-    settings: TrainingSettings,
-    seed: int,
-    device: str,
-    folder: Path,
-    key: str,
-    label: str,
-    terminal: Terminal,
+    bases: Sequence[SpectralBasis], job: TrainingJob
 ) -> tuple[Matcher, list[dict[str, float]]]:
     """The trained matcher and its losses, a row a step.
 
-    The checkpoint lies in `folder` under the key of all that training depends on: one of other
-    settings or other cases is never taken up, and is removed. The caller saves the matcher and
-    then calls `forget_checkpoint`.
+    Other jobs' checkpoints in the folder are removed. The caller saves the matcher and then
+    removes `job.checkpoint`.
     """
     from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
     from ssm_pipeline.training.train import train
 
-    path = _checkpoint(folder, key)
-    for stale in set(folder.glob(_checkpoint(folder, "*").name)) - {path}:
+    path, label, terminal = job.checkpoint, job.label, job.terminal
+    for stale in set(job.folder.glob("checkpoint-*.pt")) - {path}:
         stale.unlink()
     try:
         start = load_checkpoint(path) if path.exists() else None
@@ -48,7 +66,7 @@ def train_resumably(
     if start is not None:
         terminal.say(f"      {label} goes on after step {start.step}")
     history = list(start.history) if start else []
-    with terminal.steps(label, settings.steps) as steps:
+    with terminal.steps(label, job.settings.steps) as steps:
 
         def on_step(step: int, losses: dict[str, float]) -> None:
             history.append(losses)
@@ -56,9 +74,9 @@ def train_resumably(
 
         matcher = train(
             bases,
-            settings,
-            seed,
-            device=device,
+            job.settings,
+            job.seed,
+            device=job.device,
             start=start,
             on_checkpoint=lambda checkpoint: save_checkpoint(checkpoint, path),
             on_step=on_step,
@@ -72,31 +90,15 @@ def key_of_start(settings: TrainingSettings) -> str:
     return key_of_files([path]) if path is not None and path.is_file() else ""
 
 
-def forget_checkpoint(folder: Path, key: str) -> None:
-    storage.remove(_checkpoint(folder, key))
-
-
-def trained_matcher(
-    load_bases: Callable[[], Sequence[SpectralBasis]],
-    settings: TrainingSettings,
-    seed: int,
-    device: str,
-    folder: Path,
-    key: str,
-    label: str,
-    terminal: Terminal,
-) -> Path:
-    """matcher-<key>.pt in `folder`: if it is there, nothing is read nor done."""
+def trained_matcher(load_bases: Callable[[], Sequence[SpectralBasis]], job: TrainingJob) -> Path:
+    """matcher-<key>.pt in the job's folder: if it is there, nothing is read nor done."""
     from ssm_pipeline.training.matcher import save_matcher
 
-    path = folder / f"matcher-{key}.pt"
-    if not path.exists():
-        matcher, _ = train_resumably(
-            load_bases(), settings, seed, device, folder, key, label, terminal
-        )
-        save_matcher(matcher, path)
-        forget_checkpoint(folder, key)
-    return path
+    if not job.matcher.exists():
+        matcher, _ = train_resumably(load_bases(), job)
+        save_matcher(matcher, job.matcher)
+        storage.remove(job.checkpoint)
+    return job.matcher
 
 
 def matcher_of_cases(
@@ -109,17 +111,6 @@ def matcher_of_cases(
     """`trained_matcher` of these cases of a run, and of nothing else."""
     spectral_keys = context.done["spectral"].case_keys
     rests_on = {case_id: spectral_keys[case_id] for case_id in case_ids}
-    return trained_matcher(
-        lambda: training_bases(context, case_ids),
-        settings,
-        context.seed,
-        context.device,
-        folder,
-        key_of(rests_on, settings, key_of_start(settings), context.seed),
-        label,
-        context.terminal,
-    )
-
-
-def _checkpoint(folder: Path, key: str) -> Path:
-    return folder / f"checkpoint-{key}.pt"
+    key = key_of(rests_on, settings, key_of_start(settings), context.seed)
+    job = TrainingJob(settings, context.seed, context.device, folder, key, label, context.terminal)
+    return trained_matcher(lambda: training_bases(context, case_ids), job)

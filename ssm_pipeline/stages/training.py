@@ -7,7 +7,7 @@ from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 from ssm_pipeline.stages.context import Context, training_bases
 from ssm_pipeline.stages.resumable_training import (
-    forget_checkpoint,
+    TrainingJob,
     key_of_start,
     train_resumably,
 )
@@ -26,16 +26,10 @@ def train_matcher(context: Context) -> Outcome:
 
     settings, folder = context.settings.training, context.folder()
     bases = training_bases(context)
-    matcher, history = train_resumably(
-        bases,
-        settings,
-        context.seed,
-        context.device,
-        folder,
-        context.key,
-        "training",
-        context.terminal,
+    job = TrainingJob(
+        settings, context.seed, context.device, folder, context.key, "training", context.terminal
     )
+    matcher, history = train_resumably(bases, job)
     _, template_losses = choose_template(matcher, bases)
     save_matcher(matcher, folder / "matcher.pt")
     rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
@@ -44,7 +38,7 @@ def train_matcher(context: Context) -> Outcome:
     else:
         storage.remove(folder / "losses.csv")
     context.write_table("template_losses", template_losses.to_dict("records"))
-    forget_checkpoint(folder, context.key)
+    storage.remove(job.checkpoint)
     extent = template_losses["map_extent"].median()
     if extent < COLLAPSED_EXTENT:
         context.terminal.say(

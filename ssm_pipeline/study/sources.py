@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from data_prep.phantom_settings import PhantomSettings
 from ssm_pipeline.records import Cohort, StudyError
 from ssm_pipeline.settings import Settings
+
+if TYPE_CHECKING:
+    from data_prep.selection import Choice
 
 Side = Literal["left", "right"]
 
@@ -54,8 +57,10 @@ class FolderData(Settings):
             raise StudyError(f"no {self.noun} given. Pass --data FOLDER, or set data.folder.")
         return self.folder
 
-    def _choice(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("cases", "limit", "exclude", "mirror")}
+    def _choice(self) -> Choice:
+        from data_prep.selection import Choice
+
+        return Choice(self.cases, self.limit, self.mirror, self.exclude)
 
 
 class Luna16Data(FolderData):
@@ -76,11 +81,7 @@ class Luna16Data(FolderData):
         from data_prep import luna16
 
         return luna16.find_cases(
-            self._given_folder(),
-            side=self.side,
-            subset=self.subset,
-            allow_truncated=self.allow_truncated,
-            **self._choice(),
+            self._given_folder(), self.side, self.subset, self.allow_truncated, self._choice()
         )
 
 
@@ -112,16 +113,10 @@ class MaskFolderData(FolderData):
     def find(self, run_folder: Path) -> Cohort:
         from data_prep import mask_folder
 
-        return mask_folder.find_cases(
-            self._given_folder(),
-            labels=self.labels,
-            segments=self.segments,
-            threshold=self.threshold,
-            pattern=self.pattern,
-            organ=self.organ,
-            allow_truncated=self.allow_truncated,
-            **self._choice(),
+        organ = mask_folder.Organ(
+            self.labels, self.segments, self.threshold, self.organ, self.allow_truncated
         )
+        return mask_folder.find_cases(self._given_folder(), organ, self.pattern, self._choice())
 
 
 class MeshFolderData(FolderData):
@@ -140,11 +135,7 @@ class MeshFolderData(FolderData):
         from data_prep import surface_folder
 
         return surface_folder.find_cases(
-            self._given_folder(),
-            pattern=self.pattern,
-            unit=self.unit,
-            space=self.space,
-            **self._choice(),
+            self._given_folder(), self.pattern, self.unit, self.space, self._choice()
         )
 
 

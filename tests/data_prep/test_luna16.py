@@ -8,6 +8,7 @@ import pytest
 import SimpleITK as sitk
 
 from data_prep.luna16 import find_cases
+from data_prep.selection import Choice
 from ssm_pipeline.records import StudyError
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "luna16"
@@ -43,7 +44,7 @@ def test_sides(download: Path) -> None:
     right = find_cases(download, side="right").cases[0].load()
     assert np.argwhere(left.voxels)[:, 2].min() == 18
     assert np.argwhere(right.voxels)[:, 2].max() == 8
-    both = find_cases(download, side="both", limit=1).cases
+    both = find_cases(download, side="both", choice=Choice(limit=1)).cases
     assert [case.case_id for case in both] == ["1.2.30.left", "1.2.30.right"]
     np.testing.assert_array_equal(both[1].load().voxels, right.voxels)
 
@@ -55,15 +56,15 @@ def test_swapped_sides_are_told(tmp_path: Path) -> None:
 
 
 def test_cases_and_limit(download: Path) -> None:
-    named = find_cases(download, cases=("1.2.5", "1.2.30"))
+    named = find_cases(download, choice=Choice(cases=("1.2.5", "1.2.30")))
     assert [case.case_id for case in named.cases] == ["1.2.5", "1.2.30"]
-    assert len(find_cases(download, limit=2).cases) == 2
+    assert len(find_cases(download, choice=Choice(limit=2)).cases) == 2
     with pytest.raises(StudyError, match=r"no case 1\.2\.31 among the 3.*Did you mean 1\.2\.30"):
-        find_cases(download, cases=("1.2.31",))
+        find_cases(download, choice=Choice(cases=("1.2.31",)))
     with pytest.raises(StudyError, match="named twice"):
-        find_cases(download, cases=("1.2.4", "1.2.4"))
+        find_cases(download, choice=Choice(cases=("1.2.4", "1.2.4")))
     with pytest.raises(StudyError, match="limit is 0"):
-        find_cases(download, limit=0)
+        find_cases(download, choice=Choice(limit=0))
 
 
 def test_subset(download: Path) -> None:
@@ -122,7 +123,8 @@ def test_luna16s_own_files() -> None:
 
 def test_right_lungs_mirrored_and_a_scan_excluded(download: Path) -> None:
     plain = find_cases(download, side="both")
-    cohort = find_cases(download, side="both", mirror="right", exclude={"1.2.4": "motion"})
+    choice = Choice(mirror="right", exclude={"1.2.4": "motion"})
+    cohort = find_cases(download, side="both", choice=choice)
     assert [case.case_id for case in cohort.cases][:2] == ["1.2.30.left", "1.2.30.right"]
     assert [case.patient for case in cohort.cases] == ["1.2.30"] * 2 + ["1.2.5"] * 2
     assert [case.case_id for case in cohort.dropped] == ["1.2.4.left", "1.2.4.right"]

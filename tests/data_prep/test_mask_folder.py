@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 
-from data_prep.mask_folder import find_cases
+from data_prep.mask_folder import Organ, find_cases
+from data_prep.selection import Choice
 from ssm_pipeline.records import StudyError
 
 HIPPOCAMPI = Path(__file__).parents[3] / "shared" / "data" / "msd_hippocampus" / "labelsTr"
@@ -35,7 +36,7 @@ def test_total_segmentator_layout(tmp_path: Path) -> None:
     for subject in ("s0011", "s0004"):
         write(tmp_path / subject / "liver.nii.gz")
         write(tmp_path / subject / "spleen.nii.gz")
-    cohort = find_cases(tmp_path, pattern="*/liver.nii.gz", organ="liver")
+    cohort = find_cases(tmp_path, Organ(name="liver"), "*/liver.nii.gz")
     assert [case.case_id for case in cohort.cases] == ["s0004", "s0011"]
     assert all(case.files[0].name == "liver.nii.gz" for case in cohort.cases)
     with pytest.raises(StudyError, match="share the case id spleen"):
@@ -60,7 +61,7 @@ def test_nothing_matches(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not HIPPOCAMPI.is_dir(), reason="../shared/data/msd_hippocampus is not here")
 def test_real_hippocampi() -> None:
-    cohort = find_cases(HIPPOCAMPI, labels=(1, 2), organ="hippocampus")
+    cohort = find_cases(HIPPOCAMPI, Organ((1, 2), name="hippocampus"))
     assert len(cohort.cases) == 60
     mask = cohort.cases[0].load()
     assert mask.case_id == "hippocampus_003"
@@ -90,7 +91,7 @@ def test_two_files_of_one_bids_session(tmp_path: Path) -> None:
 def test_visits_and_sides_of_one_patient_belong_together(tmp_path: Path) -> None:
     for side in "LR":
         write(tmp_path / f"sub-01/anat/sub-01_hemi-{side}_dseg.nii.gz")
-    cohort = find_cases(tmp_path, pattern="sub-*/**/*_dseg.nii.gz", mirror="right")
+    cohort = find_cases(tmp_path, pattern="sub-*/**/*_dseg.nii.gz", choice=Choice(mirror="right"))
     left, right = cohort.cases
     assert (left.case_id, right.case_id) == ("sub-01_hemi-L", "sub-01_hemi-R")
     assert left.patient == right.patient == "sub-01"
@@ -102,4 +103,4 @@ def test_visits_and_sides_of_one_patient_belong_together(tmp_path: Path) -> None
 def test_the_background_is_no_organ(tmp_path: Path) -> None:
     write(tmp_path / "a.nii.gz")
     with pytest.raises(StudyError, match="label 0 is the background"):
-        find_cases(tmp_path, labels=(0, 1))
+        find_cases(tmp_path, Organ((0, 1)))

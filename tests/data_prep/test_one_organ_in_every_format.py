@@ -9,6 +9,7 @@ import trimesh
 from seg_files import write_dicom_seg, write_seg_nrrd
 
 from data_prep import luna16
+from data_prep.mask_folder import Organ
 from data_prep.mask_folder import find_cases as find_masks
 from data_prep.surface_folder import find_cases as find_surfaces
 from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
@@ -53,7 +54,7 @@ def check(mask: Mask, folder: Path, surface_mm: float) -> None:
     write_seg_nrrd(folder / "nrrd" / "a.seg.nrrd", mask, segments)
     write_dicom_seg(folder / "dicom" / "a.dcm", mask, segments)
     for kind in ("nrrd", "dicom"):
-        (case,) = find_masks(folder / kind, segments=("organ",)).cases
+        (case,) = find_masks(folder / kind, Organ(segments=("organ",))).cases
         found, _ = quick_mesh(case.load(), SETTINGS)
         # Voxel for voxel the same, but for the last digits of the header: from those on,
         # reduction chooses other triangles.

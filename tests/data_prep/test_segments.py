@@ -9,7 +9,7 @@ import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 from seg_files import write_dicom_seg, write_seg_nrrd
 
-from data_prep.mask_folder import find_cases
+from data_prep.mask_folder import Organ, find_cases
 from data_prep.segments import read_segments
 from ssm_pipeline import storage
 from ssm_pipeline.meshing.settings import MeshingSettings
@@ -116,19 +116,19 @@ def test_one_folder_a_patient(tmp_path: Path) -> None:
         write_dicom_seg(tmp_path / patient / "SEG" / "1.2.840.7", mask, segments)  # no suffix
         (tmp_path / patient / "notes.txt").write_text("no DICOM")
         (tmp_path / patient / "DICOMDIR").write_bytes(b"short")
-    cohort = find_cases(tmp_path, segments=("liver",))
+    cohort = find_cases(tmp_path, Organ(segments=("liver",)))
     assert [case.case_id for case in cohort.cases] == ["p1", "p2"]
     assert cohort.cases[0].load().voxels.sum() == segments["liver"].sum()
     write_seg_nrrd(tmp_path / "p1" / "again.seg.nrrd", mask, segments)
     with pytest.raises(StudyError, match="two files share the case id p1"):
-        find_cases(tmp_path, segments=("liver",))
+        find_cases(tmp_path, Organ(segments=("liver",)))
 
 
 def test_files_side_by_side_are_named_by_file(tmp_path: Path) -> None:
     mask, segments = two_organs()
     for name in ("b", "a"):
         write_seg_nrrd(tmp_path / f"{name}.seg.nrrd", mask, segments)
-    cohort = find_cases(tmp_path, segments=("Left spleen",))
+    cohort = find_cases(tmp_path, Organ(segments=("Left spleen",)))
     assert [case.case_id for case in cohort.cases] == ["a", "b"]
     assert [case.case_id for case in find_cases(tmp_path).cases] == ["a", "b"]  # by label
 

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from shapes import blob
 
+from data_prep.selection import Choice
 from data_prep.surface_folder import find_cases, read_surface
 from ssm_pipeline.export.meshes import write_ply
 from ssm_pipeline.geometry.surface import volume
@@ -74,7 +75,7 @@ def test_the_right_side_mirrored(tmp_path: Path) -> None:
     for patient in ("p1", "p2"):
         for side in ("left", "right"):
             write(tmp_path / patient / f"kidney_{side}.ply")
-    cohort = find_cases(tmp_path, pattern="*/kidney_*.ply", mirror="right")
+    cohort = find_cases(tmp_path, pattern="*/kidney_*.ply", choice=Choice(mirror="right"))
     left, right = cohort.cases[:2]
     assert (left.case_id, right.case_id) == ("p1.kidney_left", "p1.kidney_right")
     assert left.patient == right.patient == "p1.kidney"
@@ -85,20 +86,20 @@ def test_the_right_side_mirrored(tmp_path: Path) -> None:
     assert volume(other.vertices, other.faces) == pytest.approx(volume(one.vertices, one.faces))
     write(tmp_path / "p3" / "kidney_horseshoe.ply")
     with pytest.raises(StudyError, match=r"p3\.kidney_horseshoe does not say its side"):
-        find_cases(tmp_path, pattern="*/kidney_*.ply", mirror="right")
+        find_cases(tmp_path, pattern="*/kidney_*.ply", choice=Choice(mirror="right"))
 
 
 def test_exclusion_is_shown_with_its_reason(tmp_path: Path) -> None:
     for name in "abc":
         write(tmp_path / f"{name}.ply")
-    cohort = find_cases(tmp_path, exclude={"b": "motion"})
+    cohort = find_cases(tmp_path, choice=Choice(exclude={"b": "motion"}))
     assert [case.case_id for case in cohort.cases] == ["a", "c"]
     (dropped,) = cohort.dropped
     assert (dropped.case_id, dropped.stage, dropped.reason) == ("b", "data", "excluded: motion")
     with pytest.raises(StudyError, match=r"data\.exclude: there is no case bb .*Did you mean b\?"):
-        find_cases(tmp_path, exclude={"bb": "motion"})
+        find_cases(tmp_path, choice=Choice(exclude={"bb": "motion"}))
     with pytest.raises(StudyError, match="needs a reason"):
-        find_cases(tmp_path, exclude={"b": " "})
+        find_cases(tmp_path, choice=Choice(exclude={"b": " "}))
 
 
 def test_ids_that_name_no_folder_drop_their_case(tmp_path: Path) -> None:

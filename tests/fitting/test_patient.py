@@ -21,7 +21,7 @@ from ssm_pipeline.fitting.cross_validation import (
 )
 from ssm_pipeline.fitting.model_fit import Fit
 from ssm_pipeline.fitting.partial import without_faces
-from ssm_pipeline.fitting.patient import fit_patient
+from ssm_pipeline.fitting.patient import Yardstick, fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
 from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
 from ssm_pipeline.geometry.distances import SurfaceTarget
@@ -38,19 +38,18 @@ def cohort():
     kept = shapes.subset(range(10))
     new = surfaces_of(shapes)[10:]
     reference = cross_validate(kept, surfaces_of(kept))
-    return build(align(kept)[0]), kept, reference, new
+    return Yardstick(build(align(kept)[0]), kept, surfaces_of(kept), reference), new
 
 
 def flags_of(cohort, surface):
-    model, shapes, reference, _ = cohort
-    report = fit_patient(model, shapes, surfaces_of(shapes), reference, surface)
+    report = fit_patient(cohort[0], surface)
     return [flag.split(":")[0] for flag in report.typicality.flags]
 
 
 def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort):
-    model, shapes, reference, new = cohort
+    yardstick, new = cohort
     surface = Mesh(TURN.apply(new[0].vertices), new[0].faces, "new")
-    report = fit_patient(model, shapes, surfaces_of(shapes), reference, surface)
+    report = fit_patient(yardstick, surface)
     assert report.typicality.flags == ()
     assert report.mean_mm < 2.0
     assert report.observed_share == 1.0
@@ -58,20 +57,20 @@ def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort):
     assert np.all(report.scores < report.high)
     # The radius is meant to hold 90 % of the vertices; one case's share scatters about that.
     assert (report.distances_mm <= report.radius_mm).mean() > 0.75
-    assert report.typicality.residual.threshold > reference.residual_mm.max()
+    assert report.typicality.residual.threshold > yardstick.reference.residual_mm.max()
 
 
 def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort):
-    model, shapes, reference, new = cohort
-    matched = new[1].vertices[: len(model.mean)]
-    report = fit_patient(model, shapes, surfaces_of(shapes), reference, new[1], matched=matched)
-    own = fit_patient(model, shapes, surfaces_of(shapes), reference, new[1])
+    yardstick, new = cohort
+    matched = new[1].vertices[: len(yardstick.model.mean)]
+    report = fit_patient(yardstick, new[1], matched=matched)
+    own = fit_patient(yardstick, new[1])
     assert (report.by, own.by) == ("matcher", "model")
     assert np.linalg.norm(report.vertices - own.vertices, axis=1).mean() < 2.0
 
 
 def test_upside_down_mirrored_and_other_things_are_flagged(cohort):
-    new = cohort[3][0]
+    new = cohort[1][0]
     down = Mesh(new.vertices * [1.0, -1.0, -1.0] + [0, 0, 500.0], new.faces, "down")
     assert flags_of(cohort, down) == ["turned"]
     assert "mirrored" in flags_of(cohort, mirrored(new))
@@ -82,13 +81,13 @@ def test_upside_down_mirrored_and_other_things_are_flagged(cohort):
 
 
 def test_a_part_is_completed_with_intervals_that_hold(cohort):
-    model, shapes, reference, new = cohort
+    yardstick, new = cohort
     covered = []
     for whole in new:
         height = whole.vertices[:, 2]
         top = height > height.max() - np.ptp(height) / 3
         part = without_faces(whole, top[whole.faces].any(axis=1))
-        report = fit_patient(model, shapes, surfaces_of(shapes), reference, part)
+        report = fit_patient(yardstick, part)
         unseen = ~report.observed
         assert 0.1 < unseen.mean() < 0.5
         assert report.sd_mm[unseen].mean() > report.sd_mm[~unseen].mean()
@@ -140,7 +139,7 @@ def test_a_cut_case_keeps_the_part_that_was_seen():
 
 
 def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
-    _, shapes, reference, _ = cohort
+    shapes, reference = cohort[0].shapes, cohort[0].reference
     model, _ = model_without(shapes, 3, with_scale=False)
     assert shapes.case_ids[3] not in model.case_ids
     # Were the case in the model, nothing but the triangulation would be left of it.
@@ -149,7 +148,7 @@ def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
 
 
 def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path):
-    reference = cohort[2]
+    reference = cohort[0].reference
     storage.save(reference, tmp_path / "reference.npz")
     again = storage.load(CrossValidation, tmp_path / "reference.npz")
     np.testing.assert_array_equal(again.residual_mm, reference.residual_mm)
@@ -175,7 +174,7 @@ def test_one_in_a_hundred_of_the_kind_is_flagged():
 
 def test_a_child_is_flagged_by_a_model_without_size(cohort):
     """Residual and shape are those of any other, so that nothing but the size could tell."""
-    reference = cohort[2]
+    reference = cohort[0].reference
     sizes = np.exp(np.random.default_rng(0).normal(0, 0.1, len(reference.size)))
     without_size = dataclasses.replace(reference, size=sizes)
     usual = (float(reference.residual_mm[0]), float(reference.mahalanobis[0]), 0.0, 2.0)

@@ -33,7 +33,8 @@ def test_left_lungs(number: int, handles: int) -> None:
 
 @pytest.mark.parametrize("number", [0, 16, 59])
 def test_hippocampi(number: int) -> None:
-    cohort = mask_folder.find_cases(DATA / "msd_hippocampus" / "labelsTr", labels=(1, 2))
+    folder = DATA / "msd_hippocampus" / "labelsTr"
+    cohort = mask_folder.find_cases(folder, mask_folder.Organ((1, 2)))
     mesh, quality = mesh_from_mask(cohort.cases[number].load(), MeshingSettings(faces=4000))
     assert is_oriented_manifold(mesh.faces)
     assert quality.euler_number == 2
