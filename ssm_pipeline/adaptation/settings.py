@@ -12,9 +12,7 @@ from ssm_pipeline.settings import Settings
 class AdaptationSettings(Settings):
     # Dirichlet energy against Chamfer, both in squared lengths at unit area: minimise
     # CD + stiffness · trace(ΔᵀLΔ). The authors' code effectively uses 0.0033 / 50 = 6.6e-5; the
-    # printed 0.1 hardly lets the surface move. 3e-4 fits lungs to a fifth of a voxel all the same,
-    # and gave the smallest error on phantoms (adaptation alone, ×100: 1.04 at 6.6e-5, 1.00 at 3e-4,
-    # 1.07 at 3e-3).
+    # printed 0.1 hardly lets the surface move.
     stiffness: float = Field(3e-4, gt=0)
     samples: int = Field(40_000, ge=100)  # points on each surface
     steps: int = Field(10, ge=1)  # Gauss–Newton steps

@@ -10,7 +10,7 @@ import pandas as pd
 from ssm_pipeline.cohort_check.fingerprint import log_spectra
 from ssm_pipeline.cohort_check.rigid_fit import FAR_DEG
 
-STRIKING_Z = 5.0  # robust standard deviations; measured, see `judge`
+STRIKING_Z = 5.0  # robust standard deviations
 FEWEST = 5  # cases: of fewer, nothing can be said of "the others"
 ORDINARY = 1.15  # a case this much off is never striking, however alike the others are
 MIRRORED = 0.95  # of the distance as it is: the mirror image lies that much better
@@ -35,8 +35,8 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 def is_handed(mirrored_ratios: np.ndarray) -> bool:
     """Whether the cohort's mirror images can be told: most lie clearly worse, or clearly better.
 
-    mirrored_ratios  (N,) distance of the mirror image over the distance as it is. Lungs and
-                     hippocampi can be told, spleens can't. True of a cohort of both sides, too.
+    mirrored_ratios  (N,) distance of the mirror image over the distance as it is. True of a cohort
+                     of both sides, too.
     """
     sizes = np.abs(np.log(mirrored_ratios))
     middle = float(np.median(sizes))

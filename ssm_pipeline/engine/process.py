@@ -18,7 +18,7 @@ from ssm_pipeline.records import StudyError
 
 # glibc's malloc.h. Values read from a header would need a compiler.
 M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
-MEMORY_PER_JOB_GB = 2.0  # a 512×512×561 mask during meshing needs about 1.5
+MEMORY_PER_JOB_GB = 2.0  # a whole chest CT's mask during meshing
 REPORTED_PACKAGES = ("ssm-pipeline", "numpy", "scipy", "torch", "simpleitk", "vtk", "pymeshlab")
 
 
@@ -26,7 +26,7 @@ def keep_large_blocks() -> bool:
     """Tell glibc to keep freed memory instead of giving it back to the system.
 
     PyTorch on CPU allocates and frees the same large blocks every step; returning them each time
-    costs page faults. Measured 1.7 times faster training. Returns False where there is no glibc.
+    costs page faults. Returns False where there is no glibc.
     """
     try:
         libc = ctypes.CDLL("libc.so.6")

@@ -18,7 +18,7 @@ class EvaluationSettings(Settings):
     surface_samples: int = Field(100, ge=2)  # of these, scored vertex to triangle as well
     surface_points: int = Field(1000, ge=20)  # vertices asked a shape, there
     # Of a draw's and a mesh's samples, asked for their distance to all of the other's: the mean of
-    # an even subset is that of all to within 0.01 mm on a lung, at an eighth of the time.
+    # an even subset is nearly that of all.
     asked_points: int = Field(2000, ge=20)
     screening_points: int = Field(128, ge=20)  # samples that pick the nearest training mesh
     screening_errors: float = Field(2.0, ge=0)  # standard errors a mesh must be worse by to be out

@@ -62,7 +62,7 @@ def specificity(
         for M in modes
     ]
     # Many small queries: a process a core, a thread a process. Threads that share a query wait
-    # for each other; on a busy machine that made one draw cost 54 ms instead of 8.
+    # for each other.
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         rows, draws = zip(*joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks), strict=True)
     table = pd.DataFrame(list(rows)).assign(chamfer_floor_mm=floor, points=points.count)

@@ -6,11 +6,7 @@ vertex seen in a straight line joins it. So each distance is the length of a rea
 shorter than the mesh's own geodesic. Source: unfolding, Chen and Han 1990; graph of direct
 geodesics, Ying, Wang and He 2013.
 
-Measured on spheres of 5000 vertices against the great circle, one core: 2.7 ms a source, mean
-error 0.2 %, largest 2 % (`benchmarks/bench_evaluation.py`). Beside it: the heat method 1.7 ms and
-1 to 2 %, but above 10 % within two edges, where a good matcher's errors lie; fast marching 2.6 to
-7.7 ms and 1 to 3 %; the mesh's edges alone 0.9 ms and 6 %; exact windows (libigl) 140 ms for half
-as many vertices.
+It is most exact where distances are short, which is where a good matcher's errors lie.
 """
 
 from __future__ import annotations
@@ -25,7 +21,7 @@ from scipy.spatial import cKDTree
 from ssm_pipeline.geometry.closest_point import ClosestPoints
 from ssm_pipeline.geometry.topology import directed_edges, opposite_edges
 
-STRIPS = 5  # triangles unfolded beyond a vertex's own ring; error and time balanced by measurement
+STRIPS = 5  # triangles unfolded beyond a vertex's own ring; balances error and time
 _CHUNK = 256  # sources a Dijkstra call: bounds the dense block to 256 × V numbers
 
 

@@ -86,15 +86,15 @@ def spread_vertices(coarse: Mesh, surface: Mesh) -> np.ndarray:
 def reduce_fast(mesh: Mesh, faces: int) -> Mesh:
     """fast-simplification to `faces` triangles, or the mesh itself where that fails.
 
-    Ten times faster than MeshLab and with worse triangles: a first step, never the last.
+    Faster than MeshLab, with worse triangles: a first step, never the last.
     """
     if len(mesh.faces) <= faces:
         return mesh
     vertices, triangles = fast_simplification.simplify(
         mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32), target_count=faces
     )
-    # It does not promise to keep the topology (it has on every organ tried): where it
-    # does not, MeshLab starts from the full mesh, in 3 to 5 s instead of 0.7.
+    # It does not promise to keep the topology: where it does not, MeshLab starts from the full
+    # mesh, and takes longer.
     kept = is_oriented_manifold(triangles) and euler_number(triangles) == euler_number(mesh.faces)
     return Mesh(vertices, triangles, mesh.case_id) if kept else mesh
 

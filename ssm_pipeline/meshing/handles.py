@@ -10,7 +10,7 @@ from ssm_pipeline.geometry.topology import directed_edges, euler_number, opposit
 from ssm_pipeline.meshing.smoothing import laplacian_smoothing
 from ssm_pipeline.records import Mesh
 
-_RESTARTS = 3  # roots tried along the loop found so far; 6 find the same loops on real lungs
+_RESTARTS = 3  # roots tried along the loop found so far
 
 
 def cut_handles(mesh: Mesh) -> tuple[Mesh, int]:
@@ -20,10 +20,9 @@ def cut_handles(mesh: Mesh) -> tuple[Mesh, int]:
     Returns  the mesh and the number of cuts (its genus before).
 
     A loop around a thin bridge cuts the bridge; a loop around a hole fills the hole: the shorter
-    one is the smaller change (real lungs: loops of 10 to 17 mm, under 0.1 ml). Both ends of the
-    cut are closed by a fan of triangles, and the fans are smoothed. Source: the loops are those
-    of a tree-cotree decomposition (Eppstein 2003; Erickson and Whittlesey 2005), the shortest of
-    a few roots rather than of all.
+    one is the smaller change. Both ends of the cut are closed by a fan of triangles, and the fans
+    are smoothed. Source: the loops are those of a tree-cotree decomposition (Eppstein 2003;
+    Erickson and Whittlesey 2005), the shortest of a few roots rather than of all.
     """
     cuts = 0
     while euler_number(mesh.faces) < 2:

@@ -54,7 +54,7 @@ def grid_sizes(volume_mm3: float, settings: MeshingSettings) -> tuple[float, flo
     length = volume_mm3 ** (1 / 3)
     smoothing_mm = settings.smoothing_mm or min(2.0, length / 20)
     area_mm2 = 7 * length**2  # a cube has 6 L², a sphere 4.8 L²; organs are less compact
-    # A level set on a grid of step h has about 2.9 A/h² triangles (measured on lungs).
+    # A level set on a grid of step h has about 2.9 A/h² triangles.
     finest = float(np.sqrt(2.5 * area_mm2 / (3 * settings.faces)))
     voxel_mm = settings.voxel_mm or min(1.5, finest)
     return voxel_mm, smoothing_mm

@@ -11,7 +11,7 @@ def eigenvector_products(eigenvectors: torch.Tensor, mass: torch.Tensor) -> torc
     """(n, k (k + 1) / 2): mass φ_i φ_j for i ≤ j, of eigenvectors (n, k) and lumped mass (n,)."""
     k = eigenvectors.shape[1]
     row, column = torch.triu_indices(k, k, device=eigenvectors.device)
-    columns = eigenvectors.T.contiguous()  # rows are gathered several times faster
+    columns = eigenvectors.T.contiguous()  # rows are what is gathered
     return (mass * columns[row] * columns[column]).T.contiguous()
 
 

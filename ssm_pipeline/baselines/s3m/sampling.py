@@ -14,7 +14,7 @@ def farthest_points(points: np.ndarray, count: int, first: int | None = None) ->
     """
     if not 1 <= count <= len(points):
         raise ValueError(f"{count} points asked of {len(points)}")
-    x, y, z = np.ascontiguousarray(points.T)  # rows: three times faster than (V, 3)
+    x, y, z = np.ascontiguousarray(points.T)  # rows lie together in memory
     if first is None:
         first = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())
     taken = np.empty(count, dtype=np.int64)

@@ -1,7 +1,7 @@
 """S3M's points joined to a surface, so that it is scored like any other method.
 
 S3M matches point clouds. A cloud's distance to an organ never falls below the spacing of its
-points (about 3.5 mm for 2048 on a lung), which would hide most of what a comparison is for.
+points, which would hide most of what a comparison is for.
 """
 
 from __future__ import annotations
