@@ -17,7 +17,6 @@ from data_prep.articulated_body import BONES, rest_body
 from data_prep.articulated_pose import draw_pose, draw_stance
 from data_prep.articulated_settings import ArticulatedSettings
 from data_prep.articulated_skin import Build, person, posed
-from data_prep.matching_set import MatchingSet
 from data_prep.remeshing import nearest_vertices, remeshed, renumbered
 from ssm_pipeline.geometry.topology import directed_edges
 from ssm_pipeline.records import Mesh, StudyError
@@ -40,16 +39,6 @@ class Figure:
     template_to_shape: np.ndarray
     points: np.ndarray
     surface: np.ndarray
-
-
-def articulated_figures(settings: ArticulatedSettings) -> MatchingSet:
-    """All shapes, those of `settings.training_range` first, then those of `test_range`."""
-    count = settings.training_shapes + settings.test_shapes
-    figures = [articulated_figure(settings, index) for index in range(count)]
-    return MatchingSet(
-        tuple(figure.mesh for figure in figures),
-        tuple(figure.template_to_shape for figure in figures),
-    )
 
 
 def articulated_figure(settings: ArticulatedSettings, index: int) -> Figure:

@@ -50,7 +50,6 @@ Method = Literal[
 
 FULL: Literal["full"] = "full"
 TRUTH = "true correspondence"  # of a synthetic cohort: no method can do better
-METHODS: tuple[Method, ...] = get_args(Method)
 REGISTRATIONS: tuple[Registration, ...] = get_args(Registration)
 # Rows whose matching looks at one case at a time: no training, no cohort's mean.
 ONE_CASE_AT_A_TIME: tuple[str, ...] = (

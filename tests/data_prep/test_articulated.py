@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from data_prep.articulated import (
     Figure,
     articulated_figure,
-    articulated_figures,
     template_vertices,
     touches_itself,
 )
@@ -190,13 +189,13 @@ def test_the_seed_decides_everything() -> None:
 
 
 def test_training_shapes_come_first_and_a_new_person_is_tested() -> None:
-    shapes = articulated_figures(NEAR)
-    assert len(shapes.meshes) == 5
-    assert len({len(vertices) for vertices in shapes.template_to_shape}) == 1
-    persons = [mesh.case_id.split("-")[1] for mesh in shapes.meshes]
+    figures = [figure(NEAR, index) for index in range(NEAR.training_shapes + NEAR.test_shapes)]
+    assert len(figures) == 5
+    assert len({len(one.template_to_shape) for one in figures}) == 1
+    persons = [one.mesh.case_id.split("-")[1] for one in figures]
     trained = {persons[index] for index in NEAR.training_range}
     tested = [persons[index] for index in NEAR.test_range]
     assert tested[0] in trained
     assert tested[1] not in trained
-    largest = max(area(mesh.vertices, mesh.faces) for mesh in shapes.meshes)
+    largest = max(area(one.mesh.vertices, one.mesh.faces) for one in figures)
     assert largest < 2.5e6  # mm²

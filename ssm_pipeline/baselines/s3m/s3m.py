@@ -60,18 +60,6 @@ class S3MMatch:
         return self.points.template_id
 
 
-def run_s3m(
-    meshes: Sequence[Mesh],
-    settings: S3MSettings,
-    seed: int,
-    device: torch.device,
-    on_progress: Progress,
-) -> S3MMatch:
-    """Train S3M on the meshes and put them into correspondence: both of the below."""
-    trained = train_s3m(meshes, settings, seed, device, on_progress)
-    return match_s3m(meshes, trained, settings, seed, device, on_progress)
-
-
 def train_s3m(
     meshes: Sequence[Mesh],
     settings: S3MSettings,
