@@ -12,6 +12,7 @@ from data_prep.sides import Side
 from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
 
 LONGEST_ID = 200  # bytes: the id names folders and, with a suffix, files; 255 is the system's limit
+_OF_WINDOWS = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.I)
 _OF_A_RUN = re.compile(
     r".*\.(csv|json|npz|pt|html|png|ya?ml|lock)|round-\d+|retrained-folds|paths", re.I
 )
@@ -125,8 +126,8 @@ def cohort_of(name: str, sources: Sequence[CaseSource], exclude: Mapping[str, st
 def why_unusable(case_id: str) -> str:
     """Why an id can't name a case's folder; empty if it can.
 
-    >>> why_unusable("patient 7"), why_unusable("quality.csv")[:43]
-    ('', "the id is a name that the run's own files h")
+    >>> why_unusable("patient 7"), why_unusable("quality.csv")[:43], why_unusable("nul")[:32]
+    ('', "the id is a name that the run's own files h", 'the id is a name that Windows ke')
     """
     if len(case_id.encode()) > LONGEST_ID:
         return (
@@ -135,6 +136,8 @@ def why_unusable(case_id: str) -> str:
         )
     if _OF_A_RUN.fullmatch(case_id):
         return "the id is a name that the run's own files have. Rename the file."
+    if _OF_WINDOWS.fullmatch(case_id):
+        return "the id is a name that Windows keeps for a device. Rename the file."
     if not case_id.isprintable() or case_id != case_id.strip():
         return "the id holds characters that can't be seen. Rename the file."
     return ""
