@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.stats import norm
 
 from ssm_pipeline.fitting.cross_validation import (
     LeftOutFits,
@@ -20,7 +21,7 @@ from ssm_pipeline.fitting.cross_validation import (
     of_common_modes,
     score_inflation,
 )
-from ssm_pipeline.fitting.model_fit import Fit, fit, normal_variance
+from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.distances import SurfaceTarget
@@ -34,41 +35,46 @@ POINTS, STEPS = 300, 25
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """sd_mm (V,): of each vertex along its normal; radius_mm (V,): the surface is expected within
-    it of the vertex for a share `COVERAGE` of the vertices, by the model's own cases.
+    """radius_mm (V,): a share `COVERAGE` of the vertices is expected to have the surface within it,
+    by the model's own cases; sd_mm (V,): the standard deviation along the normal which that is of,
+    were errors normal.
 
     score_inflation: by how much the posterior's standard deviations of scores are too small.
     """
 
-    sd_mm: np.ndarray
     radius_mm: np.ndarray
     score_inflation: float
 
+    @property
+    def sd_mm(self) -> np.ndarray:
+        return self.radius_mm / float(norm.isf((1 - COVERAGE) / 2))
+
 
 def uncertainty(model: ShapeModel, fitted: Fit, left_out: LeftOutFits) -> Uncertainty:
-    """Of a fit, by fits of the same kind to the model's own cases.
+    """Of a fit, by fits of the same kind to the model's own cases."""
+    radius = calibrated_radius(surface_variance(model, fitted), left_out, fitted.observed)
+    return Uncertainty(radius, score_inflation(left_out.score_errors))
 
-    The variance of a vertex is what the posterior leaves open plus what the cases' errors exceed
-    that by. The radius is as many of its standard deviations as hold 90 % of the errors on the part
-    that was not seen, or on all of it, where all was.
 
-    A case's vertices are wrong together, so that it is the N cases that are exchangeable with the
-    patient, and not their N × V errors: the patient counts as one case more, whose errors may be
-    anything, and (N + 1) / N of 90 % of the cases' have to be held. Fewer than nine cases can't
-    promise that; their largest error is taken then.
-    Source: hierarchical conformal prediction (Lee, Barber and Willett 2023, eq. 5).
+def calibrated_radius(
+    stated_mm2: np.ndarray, left_out: LeftOutFits, observed: np.ndarray
+) -> np.ndarray:
+    """(V,) mm, from the variances (V,) that a fit states.
+
+    As many of the stated standard deviations as held 90 % of the cases' errors, found for the
+    vertices that were seen and for those that were not. The stated variance carries what differs
+    from patient to patient: a fit that leaves more open, or more over, is less sure everywhere.
+    So 90 % is the mean over patients. In one of them neighbouring vertices are wrong together, and
+    the share varies.
+    Source: conformal prediction, locally weighted (Lei et al. 2018, section 5.2), in two groups.
     """
-    errors, own = left_out.distances_mm, left_out.stated_mm2
-    wanted = ~fitted.observed if fitted.is_partial else fitted.observed
-    sd = np.sqrt(normal_variance(model, fitted) + _excess(errors, own))
-    ratios = [
-        # Each case by the others' errors, as the patient is by all of them.
-        errors[index] / np.sqrt(own[index] + _excess(*_without(index, errors, own)))
-        for index in range(len(errors))
-    ]
-    level = min(1.0, COVERAGE * (1 + 1 / len(errors)))
-    times = float(np.quantile(np.stack(ratios)[:, wanted], level))
-    return Uncertainty(sd, times * sd, score_inflation(left_out.score_errors))
+    sd = np.sqrt(stated_mm2)
+    ratios = left_out.distances_mm / np.sqrt(left_out.stated_mm2)
+    radius = np.zeros_like(sd)
+    for group in (observed, ~observed):
+        if group.any():
+            radius[group] = np.quantile(ratios[:, group], COVERAGE) * sd[group]
+    return radius
 
 
 def fits_of_parts(
@@ -100,15 +106,6 @@ def cut_as_observed(mesh: Mesh, matched: Mesh, observed: np.ndarray) -> Mesh:
     return without_faces(mesh, gone) if gone.any() else mesh
 
 
-def _excess(errors: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(V,) mm²: by how much the errors (N, V) exceed the variances (N, V) stated for them."""
-    return np.maximum((errors**2).mean(axis=0) - own.mean(axis=0), 0) + 1e-6
-
-
-def _without(index: int, *arrays: np.ndarray) -> list[np.ndarray]:
-    return [np.delete(array, index, axis=0) for array in arrays]
-
-
 def _completed_without(
     shapes: CorrespondedShapes,
     index: int,
@@ -124,4 +121,4 @@ def _completed_without(
     fitted = fit(model, part, start, with_scale, points=POINTS, steps=STEPS, seed=seed)
     distances = SurfaceTarget.of(mesh.vertices, mesh.faces).distances_to(fitted.vertices)
     true = model.coefficients(start.inverse().apply(matched.vertices))
-    return distances, normal_variance(model, fitted), (fitted.scores - true) / fitted.score_sd
+    return distances, surface_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

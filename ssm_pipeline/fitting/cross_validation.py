@@ -14,7 +14,7 @@ from joblib import Parallel, delayed
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from ssm_pipeline.fitting.model_fit import Fit, fit, normal_variance
+from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
@@ -30,12 +30,18 @@ class LeftOutFits:
     """Of N cases, each fitted without being in the model.
 
     distances_mm (N, V): from the fitted vertices to the case's whole surface; stated_mm2 (N, V):
-    the variances stated for them; score_errors (N, M): in the standard deviations stated.
+    `surface_variance` of each fit; score_errors (N, M): in the standard deviations stated.
     """
 
     distances_mm: np.ndarray
     stated_mm2: np.ndarray
     score_errors: np.ndarray
+
+    def of(self, cases: np.ndarray) -> LeftOutFits:
+        """Those of some cases (K,) int."""
+        return LeftOutFits(
+            self.distances_mm[cases], self.stated_mm2[cases], self.score_errors[cases]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +144,8 @@ def model_without(
 def _left_out(
     shapes: CorrespondedShapes, index: int, mesh: Mesh, with_scale: bool, seed: int
 ) -> tuple[Fit, np.ndarray, np.ndarray]:
-    """The fit, its `normal_variance`, and the scores' errors."""
+    """The fit, its `surface_variance`, and the scores' errors."""
     model, start = model_without(shapes, index, with_scale)
     fitted = fit(model, mesh, start, with_scale, seed=seed)
     true = model.coefficients(start.inverse().apply(shapes.vertices[index]))
-    return fitted, normal_variance(model, fitted), (fitted.scores - true) / fitted.score_sd
+    return fitted, surface_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

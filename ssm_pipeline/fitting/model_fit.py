@@ -128,12 +128,13 @@ def fit(
     )
 
 
-def normal_variance(model: ShapeModel, fitted: Fit) -> np.ndarray:
-    """(V,) mm², in the surface's own: what the posterior of the scores leaves open, along the
-    normals of the fitted vertices."""
+def surface_variance(model: ShapeModel, fitted: Fit) -> np.ndarray:
+    """(V,) mm², in the surface's own: how far the surface may lie from each fitted vertex along its
+    normal. What the posterior of the scores leaves open, and the noise of what no mode can make."""
     normals = vertex_normals(model.reconstruct(fitted.scores), model.faces)
     along = np.einsum("mvd,vd->vm", model.modes, normals) * model.standard_deviations
-    return fitted.frame.scale**2 * np.einsum("vm,mn,vn->v", along, fitted.covariance, along)
+    left_open = np.einsum("vm,mn,vn->v", along, fitted.covariance, along)
+    return fitted.frame.scale**2 * (left_open + fitted.noise_mm**2)
 
 
 @dataclass(frozen=True, eq=False)

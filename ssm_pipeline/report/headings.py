@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ssm_pipeline.statistics.power import EFFECTS_SD
+
 _UNITS = {
     "mm": "mm",
     "ml": "ml",
@@ -27,7 +29,8 @@ _WORDS = {
     "min": "smallest",
     "dropped": "left out because",
     "cases_in": "cases in",
-}
+    "procrustes_f": "Procrustes F",
+} | {f"power_at_{size}_sd": f"power at {size} SD" for size in EFFECTS_SD}
 _STEMS = {
     "to_case": "mean",
     "from_case": "mean",
@@ -43,6 +46,7 @@ _STEMS = {
     "geodesic_p95": "95th percentile of the geodesic error",
     "geodesic_x100": "mean geodesic error × 100 / √area",
     "off_surface": "distance off the true surface",
+    "found_4_in_5": "found four times in five",
 }
 # Neighbouring columns of one of these beginnings share a heading above.
 _GROUPS = {
@@ -66,6 +70,12 @@ _EXPLANATIONS = {
     "coverage": "how near a template point must be for the case's surface to count as covered",
     "distinct": "share of template points with a vertex of the case of their own",
     "round_trip": "template to case and back: distance from where a point started",
+    "hotelling_trace": "Lawley and Hotelling's trace: the modes tested, in standard deviations",
+    "hotelling_p": "by permutation, of the modes tested together",
+    "procrustes_f": "explained over residual sum of squares, of all coordinates in millimetres",
+    "procrustes_p": "by permutation, of all coordinates in millimetres",
+    "explained": "of the variance that the other terms leave",
+    "found_4_in_5": "the smallest difference that this number of cases finds four times in five",
     "variance": "share of the method's own variance that these modes hold",
 }
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from shapes import blob
 
 from ssm_pipeline import storage
-from ssm_pipeline.fitting.completion import COVERAGE, cut_as_observed, uncertainty
+from ssm_pipeline.fitting.completion import COVERAGE, calibrated_radius, cut_as_observed
 from ssm_pipeline.fitting.cross_validation import (
     CrossValidation,
     LeftOutFits,
@@ -19,13 +19,11 @@ from ssm_pipeline.fitting.cross_validation import (
     model_without,
     score_inflation,
 )
-from ssm_pipeline.fitting.model_fit import Fit
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.fitting.patient import Yardstick, fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
 from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
 from ssm_pipeline.geometry.distances import SurfaceTarget
-from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import build
@@ -101,28 +99,23 @@ def test_a_part_is_completed_with_intervals_that_hold(cohort):
 
 
 def test_the_radius_holds_nine_in_ten_vertices_of_a_new_case():
-    """Errors as of real cases: one case is far off everywhere, another nowhere."""
-    model = build(align(bumpy_cohort(6))[0])
-    count, generator = len(model.mean), np.random.default_rng(0)
-    certain = Fit(
-        scores=np.zeros(model.mode_count),
-        covariance=np.zeros((model.mode_count, model.mode_count)),
-        vertices=model.mean,
-        frame=Similarity.identity(),
-        observed=np.ones(count, dtype=bool),
-        distances_mm=np.zeros(count),
-        noise_mm=1.0,
-        observations=1.0,
-    )
-    cases, held = 12, []
+    """Errors as of real cases: one case is far off everywhere, another nowhere, and the fits state
+    half of it. Seen vertices are three times nearer."""
+    generator = np.random.default_rng(0)
+    cases, count, held = 12, 300, []
+    observed = np.arange(count) < 200
+    far = np.where(observed, 1.0, 3.0)
     for _ in range(300):
         scale = np.exp(0.6 * generator.standard_normal((cases + 1, 1)))
-        errors = scale * np.abs(generator.standard_normal((cases + 1, count)))
-        others = LeftOutFits(errors[1:], np.zeros((cases, count)), np.zeros((cases, 2)))
-        held.append((errors[0] <= uncertainty(model, certain, others).radius_mm).mean())
-    # Between 0.90 and 0.90 + 1 / 13, and a standard error of the mean of 300 is 0.006; the errors
-    # of 12 cases pooled, without the one that is to come, would hold less.
-    assert 0.89 < np.mean(held) < 0.98
+        errors = scale * far * np.abs(generator.standard_normal((cases + 1, count)))
+        stated = np.tile(scale / 2, count)
+        left_out = LeftOutFits(errors[1:], stated[1:] ** 2, np.zeros((cases, 2)))
+        radius = calibrated_radius(stated[0] ** 2, left_out, observed)
+        within = errors[0] <= radius
+        held.append([within[observed].mean(), within[~observed].mean()])
+    # A share of 100 vertices has a standard error of 0.03, the mean of 300 of 0.002.
+    np.testing.assert_allclose(np.mean(held, axis=0), COVERAGE, atol=0.008)
+    assert np.std(held, axis=0).max() < 0.05  # each case, whatever its scale: it was stated
 
 
 def test_a_cut_case_keeps_the_part_that_was_seen():
