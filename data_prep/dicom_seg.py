@@ -9,6 +9,8 @@ import numpy as np
 from data_prep.images import LabelImage, place
 from ssm_pipeline.records import CaseError, StudyError
 
+MOST_SLICES = 10_000  # two metres at 0.2 mm: between frames that lie farther apart, nothing is
+
 
 def is_dicom_seg(path: Path) -> bool:
     """True for a DICOM file whose modality is SEG; its header alone is read.
@@ -48,13 +50,15 @@ def read_dicom_segments(path: Path, case_id: str) -> dict[str, tuple[LabelImage,
             number: str(segmentation.get_segment_description(number).segment_label)
             for number in segmentation.segment_numbers
         }
+        geometry = segmentation.get_volume_geometry()
+        if geometry is not None and geometry.spatial_shape[0] > MOST_SLICES:
+            raise ValueError(f"its frames span {geometry.spatial_shape[0]} slices")
         volume = segmentation.get_volume(skip_overlap_checks=True)
-    # pydicom and highdicom raise nearly all built-in kinds for what a damaged file can hold.
-    except (ValueError, KeyError, AttributeError, OSError, EOFError, RuntimeError, TypeError,
-            IndexError, NotImplementedError, OverflowError) as error:
+    except Exception as error:  # pydicom and highdicom raise whatever the damage happens to break
+        what = str(error) or type(error).__name__
         raise CaseError(
             case_id,
-            f"{path.name} can't be read as DICOM SEG ({error}). A whole file with equally spaced, "
+            f"{path.name} can't be read as DICOM SEG ({what}). A whole file with equally spaced, "
             "parallel slices is needed; export it again.",
         ) from error
     # Index (slice, row, column) → x, y, z; then one empty slice before the first.

@@ -15,10 +15,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from ssm_pipeline import storage
 from ssm_pipeline.records import StudyError
 
-FAULTS = ("kill before", "kill after", "torn", "lost rename", "full disk")
+REFUSALS = {"full disk": errno.ENOSPC, "failing disk": errno.EIO, "read-only disk": errno.EROFS}
+FAULTS = ("kill before", "kill after", "half written", "torn", "lost rename", *REFUSALS)
 OF_THE_DAY = ("seconds", "peak_memory_mb", "finished_at")
 
 
@@ -26,9 +29,10 @@ def run_with_fault(run: Callable[[], object], fault: str, at_write: int) -> bool
     """Run in a process of its own, with a fault at its n-th write. False if it came to its end.
 
     kill before, kill after   the process is killed just before or after a file gets its name
+    half written              half of the content is there, under its temporary name
     torn, lost rename         and the file is cut in half, or is as it was before: a disk that says
                               it has written what it has not
-    full disk                 the write fails; the process ends by itself, with one message
+    full, failing, read-only disk   the write fails; the process ends by itself, with one message
     """
 
     def disturbed() -> None:
@@ -40,14 +44,15 @@ def run_with_fault(run: Callable[[], object], fault: str, at_write: int) -> bool
             count += 1
             if count != at_write:
                 return replace(self, target)
-            if fault == "full disk":
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            if fault in REFUSALS:
+                raise OSError(REFUSALS[fault], os.strerror(REFUSALS[fault]))
             before = target.read_bytes() if target.exists() else None
-            if fault != "kill before":
+            if fault in ("kill after", "torn", "lost rename"):
                 replace(self, target)
-            if fault == "torn":
-                content = target.read_bytes()
-                target.write_bytes(content[: len(content) // 2])
+            if fault in ("half written", "torn"):
+                harmed = target if fault == "torn" else self
+                content = harmed.read_bytes()
+                harmed.write_bytes(content[: len(content) // 2])
             elif fault == "lost rename":
                 target.unlink()
                 if before is not None:
@@ -59,7 +64,7 @@ def run_with_fault(run: Callable[[], object], fault: str, at_write: int) -> bool
         try:
             run()
         except StudyError as error:
-            assert "can't be written: No space left on device" in str(error)  # noqa: PT017
+            assert f"can't be written: {os.strerror(REFUSALS[fault])}" in str(error)  # noqa: PT017
             sys.exit(3)
 
     child = multiprocessing.get_context("fork").Process(target=disturbed)
@@ -77,6 +82,12 @@ def run_and_kill(run: Callable[[], object], after_s: float) -> bool:
     child.kill()
     child.join()
     return child.exitcode == -signal.SIGKILL
+
+
+def moments(count: int, seconds: float, seed: int) -> list[float]:
+    """Random moments of a run of so many seconds, one in each of `count` equal parts of it."""
+    parts = np.arange(count) + np.random.default_rng(seed).random(count)
+    return [float(moment) for moment in parts / count * seconds]
 
 
 def writes_of(run: Callable[[], object]) -> int:

@@ -62,7 +62,8 @@ def tiny_settings(masks: Path, steps: int = 6) -> StudySettings:
     )
 
 
-def run_tiny(masks: Path, runs: Path, steps: int = 6, terminal: Terminal | None = None) -> Path:
-    return run_study(
-        NAME, tiny_settings(masks, steps), RunOptions(runs), terminal or Terminal()
-    )
+def run_tiny(
+    masks: Path, runs: Path, steps: int = 6, terminal: Terminal | None = None, jobs: int = 1
+) -> Path:
+    options = RunOptions(runs, jobs=jobs)
+    return run_study(NAME, tiny_settings(masks, steps), options, terminal or Terminal())

@@ -27,12 +27,24 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
-from fuzz_readers import READERS, Reader  # noqa: E402
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = map(str, (ROOT, ROOT / "tools", ROOT / "tests" / "data_prep"))
+from fuzz_outside_files import OUTSIDE_FILES  # noqa: E402
+from fuzz_own_files import OWN_FILES  # noqa: E402
+from fuzz_reader import Reader  # noqa: E402
+
+READERS = OUTSIDE_FILES + OWN_FILES
 
 LONGEST_S = 10.0
 MOST_BYTES = 2 * 2**30
 EXTREME = (b"-1", b"0", b"nan", b"1e308", b"4294967296", b"99999999999999999999", b"", b"\xff")
+BINARY_EXTREMES = (
+    b"\xff" * 8,  # -1, the largest unsigned number, not a number
+    b"\0" * 8,
+    b"\xff\xff\xff\x7f" * 2,  # the largest int32, twice
+    b"\0\0\0\x80" * 2,  # the smallest int32
+    b"\0\0\x80\x7f" * 2,  # infinite in single precision
+)
 
 
 @dataclass
@@ -60,7 +72,7 @@ def damaged(content: bytes, generator: np.random.Generator) -> bytes:
             break
         here = int(generator.integers(len(data)))
         length = int(generator.integers(1, 1 + min(64, len(data) - here)))
-        match int(generator.integers(9)):
+        match int(generator.integers(10)):
             case 0:
                 data[here] ^= 1 << int(generator.integers(8))
             case 1:
@@ -83,6 +95,10 @@ def damaged(content: bytes, generator: np.random.Generator) -> bytes:
                 if numbers:
                     found = numbers[int(generator.integers(len(numbers)))]
                     data[found.start() : found.end()] = EXTREME[int(generator.integers(8))]
+            case 9:
+                width = int(generator.choice([1, 2, 4, 8]))
+                pattern = BINARY_EXTREMES[int(generator.integers(len(BINARY_EXTREMES)))]
+                data[here : here + width] = pattern[-width:]
     return bytes(data)
 
 

@@ -15,7 +15,7 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.stages.run import COMPARISONS, load_run
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
-from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
+from ssm_pipeline.statistics.covariates import ID_COLUMNS, design_of, matched_to_cases
 from ssm_pipeline.study.study import read_run_settings
 
 SEPARATORS = {".tsv": "\t", ".csv": ","}
@@ -74,9 +74,16 @@ def read_table(path: Path) -> pd.DataFrame:
     separator = SEPARATORS.get(path.suffix.lower())
     if separator is None:
         raise StudyError(f"{path} is neither .tsv nor .csv. Save the table as one of these.")
-    text = {"case_id": str, "participant_id": str}
     try:
-        # "n/a" is BIDS's empty cell, and pandas knows it.
-        return pd.read_csv(path, sep=separator, dtype=text)
+        table = pd.read_csv(path, sep=separator)  # "n/a" is BIDS's empty cell, and pandas knows it
+        # Ids as they are written: "007" is no number, and a case may be called NA.
+        ids = pd.read_csv(
+            path,
+            sep=separator,
+            dtype=str,
+            keep_default_na=False,
+            usecols=[name for name in ID_COLUMNS if name in table],
+        )
+        return table.assign(**{name: ids[name].to_numpy() for name in ids})
     except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
         raise StudyError(f"the table {path} can't be read: {error}.") from error

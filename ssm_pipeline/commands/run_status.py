@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+from ssm_pipeline.commands.time_left import (
+    Event,
+    Took,
+    expected_seconds,
+    planned_stages,
+    stages_that_ended,
+    whole_number,
+)
 from ssm_pipeline.engine.ownership import alone_in
 from ssm_pipeline.engine.run_log import read_events
 from ssm_pipeline.engine.stage import StageRecord
@@ -18,31 +26,33 @@ from ssm_pipeline.records import StudyError
 class Work:
     """What a run is, or was, in the middle of.
 
-    stage; label, done, total: its piece of work; dropped: cases so far; since, seen: when it
-    began, and was last heard of.
+    stage, cases; label, done, total: its piece of work; dropped: cases so far; stage_began, began,
+    seen: when the stage and its piece began, and when the run was last heard of.
     """
 
     stage: str
+    cases: int
     label: str
     done: int
     total: int
     dropped: int
-    since: datetime.datetime
+    stage_began: datetime.datetime
+    began: datetime.datetime
     seen: datetime.datetime
 
     @property
     def seconds_left(self) -> float | None:
         """Of this piece of work, at the pace so far; None where there is no pace yet."""
-        spent = (self.seen - self.since).total_seconds()
-        if not self.done or not spent:
+        spent = (self.seen - self.began).total_seconds()
+        if self.done <= 0 or spent <= 0:
             return None
-        return spent / self.done * (self.total - self.done)
+        return spent / self.done * max(self.total - self.done, 0)
 
 
 def status_lines(run_folder: Path) -> list[str]:
-    """A line a stage, what runs now and how long still. Raises StudyError without a run.
+    """A line a stage, what runs now, and how long the whole run will still take.
 
-    A stage that runs is judged by its pace so far; the stages after it are not foreseen.
+    Raises StudyError without a run.
     """
     records = [StageRecord.read(path.parent) for path in run_folder.glob("*/stage.json")]
     finished = sorted((r for r in records if r is not None), key=lambda r: r.finished_at)
@@ -61,30 +71,81 @@ def status_lines(run_folder: Path) -> list[str]:
     elif work is not None:
         lines.append(f"stopped: {_described(work)}. The same command goes on from there.")
         if events and events[-1]["event"] == "run stopped":
-            lines.append(f"because: {str(events[-1].get('error', '')).splitlines()[0]}")
+            because = str(events[-1].get("error", "")).splitlines()
+            lines.append(f"because: {because[0] if because else 'not said'}")
     else:
         lines.append("finished")
+    if work is not None:
+        lines += lines_of_time_left(work, events, stages_that_ended(run_folder.parent))
     return lines
 
 
-def work_in_hand(events: list[dict[str, Any]]) -> Work | None:
+def work_in_hand(events: Sequence[Event]) -> Work | None:
     """What the last run's last unfinished stage is at; None if it came to its end."""
     work: Work | None = None
     for event in events:
-        when = datetime.datetime.fromisoformat(event["time"])
-        kind = event["event"]
+        kind, when = event["event"], event["time"]
         if kind in ("run", "stage finished", "run finished"):
             work = None
         elif kind == "stage started":
-            work = Work(event["stage"], event["stage"], 0, event["cases"], 0, when, when)
+            stage, cases = str(event.get("stage")), whole_number(event, "cases")
+            work = Work(stage, cases, stage, 0, cases, 0, when, when, when)
         elif kind == "progress" and work is not None:
-            since = work.since if event["label"] == work.label else when
-            label, done, total = event["label"], event["done"], event["total"]
-            work = Work(work.stage, label, done, total, work.dropped, since, when)
-        elif kind == "case" and work is not None and event["dropped"]:
-            parts = vars(work) | {"dropped": work.dropped + 1}
-            work = Work(**parts)
+            label = str(event.get("label"))
+            work = replace(
+                work,
+                label=label,
+                done=whole_number(event, "done"),
+                total=whole_number(event, "total"),
+                began=work.began if label == work.label else when,
+                seen=when,
+            )
+        elif kind == "case" and work is not None and event.get("dropped"):
+            work = replace(work, dropped=work.dropped + 1)
     return work
+
+
+def lines_of_time_left(work: Work, events: Sequence[Event], took: Sequence[Took]) -> list[str]:
+    """How long the rest of the run will take, and on what that rests; what is unknown is said.
+
+    took  what stages took before, in this run and in others.
+    """
+    plan = planned_stages(events)
+    names = [planned.stage for planned in plan]
+    if work.stage not in names:
+        return [f"in all: not known; the log does not name what comes after {work.stage}"]
+    here = names.index(work.stage)
+    as_before = expected_seconds(plan[here], work.cases, took)
+    left = [(work.stage, _of_the_stage_at_hand(work, as_before))]
+    left += [(one.stage, expected_seconds(one, work.cases, took)) for one in plan[here + 1 :]]
+    known = [(stage, seconds) for stage, seconds in left if seconds is not None]
+    unknown = [stage for stage, seconds in left if seconds is None]
+    lines = []
+    later = [f"{stage} {duration(seconds)}" for stage, seconds in known if stage != work.stage]
+    if later:
+        lines.append(f"then: {', '.join(later)}, by what they took before")
+    total = duration(sum(seconds for _, seconds in known))
+    if as_before is not None and not unknown:
+        lines.append(f"in all: about {total} to go")
+    else:
+        lines.append(f"in all: at least {total} to go" if known else "in all: not known")
+    if unknown:
+        lines.append(
+            f"not known: how long {', '.join(unknown)} will take; by these settings, no run beside "
+            "this one came through them"
+        )
+    return lines
+
+
+def _of_the_stage_at_hand(work: Work, as_before: float | None) -> float | None:
+    """The longer of what its pace says of this piece of work, and what is left of its time before.
+
+    A stage may have more pieces of work to come, which its pace does not know of.
+    """
+    if as_before is None:
+        return work.seconds_left
+    rest = as_before - (work.seen - work.stage_began).total_seconds()
+    return max(rest, work.seconds_left or 0.0)
 
 
 def _described(work: Work) -> str:

@@ -6,6 +6,7 @@ folder, the `case.json`s among them.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,7 +48,13 @@ def damaged_files(
 
 
 def undo(path: Path, run_folder: Path) -> None:
-    """Delete a damaged file and the records that call it finished, so that it is made again."""
+    """Delete a damaged file and the records that call it finished, so that it is made again.
+
+    A path outside the run's folder, which a damaged record may name, is left alone.
+    """
+    path = Path(os.path.normpath(path))  # without "..", but with the user's own links
+    if not path.is_relative_to(run_folder):
+        return
     storage.remove(path)
     for parent in path.parents:
         if parent == run_folder or not parent.is_relative_to(run_folder):

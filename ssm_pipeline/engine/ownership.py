@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,23 +90,35 @@ def read_owner(run_folder: Path) -> dict[str, Any] | None:
     path = run_folder / OWNER_FILE
     record = StageRecord.read(run_folder / "data")
     cases = record.inputs if record is not None else {}
-    try:
-        return {"cases": cases} | _owner(storage.read_json(path))
-    except (DamagedFile, KeyError, TypeError) as error:
-        runs = [event for event in read_events(run_folder) if event["event"] == "run"]
-        if runs:
-            return {"cases": cases} | _owner(runs[-1])
-        if not any(run_folder.glob(f"*/{STAGE_FILE}")):
-            return None  # nothing is finished here
-        raise StudyError(
-            f"{path} is missing or damaged, and nothing else says whose results {run_folder} "
-            "holds. Move it away and run again."
-        ) from error
+    for content in _said_of_the_owner(run_folder):
+        try:
+            return {"cases": cases} | _owner(content)
+        except (KeyError, TypeError):
+            continue
+    if not any(run_folder.glob(f"*/{STAGE_FILE}")):
+        return None  # nothing is finished here
+    raise StudyError(
+        f"{path} is missing or damaged, and nothing else says whose results {run_folder} "
+        "holds. Move it away and run again."
+    )
+
+
+def _said_of_the_owner(run_folder: Path) -> Iterator[Any]:
+    """What the owner's file says, then what the log does, the latest first."""
+    with suppress(DamagedFile):
+        yield storage.read_json(run_folder / OWNER_FILE)
+    yield from reversed([one for one in read_events(run_folder) if one["event"] == "run"])
 
 
 def _owner(content: Any) -> dict[str, Any]:
-    names = ("study", "synthetic", "data", *(("cases",) if "cases" in content else ()))
-    return {name: content[name] for name in names}
+    """Raises KeyError or TypeError for what no run wrote."""
+    kinds = {"study": str, "synthetic": bool, "data": str}
+    kinds |= {"cases": dict} if "cases" in content else {}
+    owner = {name: content[name] for name in kinds}
+    fits = all(isinstance(owner[name], kind) for name, kind in kinds.items())
+    if not fits or not all(isinstance(key, str) for key in owner.get("cases", {}).values()):
+        raise TypeError("these are not the names and hashes that a run writes")
+    return owner
 
 
 def take(

@@ -128,6 +128,7 @@ def run_case(task: CaseTask, stage_folder: Path) -> CaseResult:
 
 def _run_in_worker(task: CaseTask, stage_folder: Path, parent: int) -> CaseResult:
     process.end_with_parent(parent)
+    process.may_grow()
     return run_case(task, stage_folder)
 
 

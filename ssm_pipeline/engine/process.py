@@ -86,6 +86,18 @@ def end_with_parent(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+@functools.cache
+def may_grow() -> None:
+    """Let this worker process of joblib's hold as much memory as its work needs.
+
+    joblib ends a worker, with a warning, that holds 300 MB more than after its first case: a leak,
+    it says. Here it is a larger organ, or the libraries of a later stage. joblib has no setting.
+    """
+    from joblib.externals.loky import process_executor
+
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
+
+
 def versions() -> dict[str, str]:
     """Of Python, the platform and the packages a result depends on."""
     found = {"python": platform.python_version(), "platform": platform.platform()}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import datetime
 import json
+import os
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ class RunLog:
 
     def __init__(self, run_folder: Path) -> None:
         self.text, self.events = run_folder / TEXT_LOG, run_folder / EVENT_LOG
+        for path in (self.text, self.events):
+            _end_last_line(path)
 
     def say(self, text: str) -> None:
         with self.text.open("a", encoding="utf-8") as file:
@@ -36,15 +39,19 @@ class RunLog:
         try:
             yield
         except BaseException as error:
-            self.event("run stopped", error=f"{type(error).__name__}: {error}")
-            self.say("".join(traceback.format_exception(error)).rstrip())
+            with suppress(OSError):  # a disk too full for a log is what the error itself says
+                self.event("run stopped", error=f"{type(error).__name__}: {error}")
+                self.say("".join(traceback.format_exception(error)).rstrip())
             if not isinstance(error, CaseError | StudyError | KeyboardInterrupt):
                 error.add_note(f"The traceback is in {self.text}.")
             raise
 
 
 def read_events(run_folder: Path) -> Iterator[dict[str, Any]]:
-    """The events of a run, the oldest first; a line that a power cut left half is passed over."""
+    """The events of a run, the oldest first; a line that a power cut left half is passed over.
+
+    Each has "event" (str) and "time" (datetime, with its zone).
+    """
     path = run_folder / EVENT_LOG
     if not path.is_file():
         return
@@ -52,10 +59,21 @@ def read_events(run_folder: Path) -> Iterator[dict[str, Any]]:
         for line in file:
             try:
                 event = json.loads(line)
-            except ValueError:
+                when = datetime.datetime.fromisoformat(event["time"])
+                if when.tzinfo is not None:
+                    yield {**event, "event": str(event["event"]), "time": when}
+            except (ValueError, KeyError, TypeError, RecursionError):
                 continue
-            if isinstance(event, dict) and "event" in event:
-                yield event
+
+
+def _end_last_line(path: Path) -> None:
+    """So that what a power cut left half stays a line of its own."""
+    if not path.is_file() or not path.stat().st_size:
+        return
+    with path.open("rb+") as file:
+        file.seek(-1, os.SEEK_END)
+        if file.read(1) != b"\n":
+            file.write(b"\n")
 
 
 def _now() -> str:

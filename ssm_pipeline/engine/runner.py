@@ -94,7 +94,13 @@ def _bring_up_to_date(
     storage.remove_unfinished(run_folder)
     storage.write_text(run_folder / "study.yaml", job.settings.to_yaml())
     with terminal.logged_to(run_folder) as log, log.kept_errors():
-        log.event("run", study=job.name, synthetic=job.is_synthetic, data=job.data)
+        log.event(
+            "run",
+            study=job.name,
+            synthetic=job.is_synthetic,
+            data=job.data,
+            stages=[_planned(stage, kept_settings[stage.name], options) for stage in stages],
+        )
         if gone:
             terminal.say(f"      {len(gone)} cases are no longer of the study: deleted")
         done: dict[str, StageRecord] = {}
@@ -135,6 +141,12 @@ def _bring_up_to_date(
         if not redone:
             terminal.say("nothing to do: every stage is up to date")
         log.event("run finished")
+
+
+def _planned(stage: Stage[Any], kept: Any, options: RunOptions) -> dict[str, Any]:
+    """What `workflow status` asks of a stage: `like` is equal where equal cases take equal time."""
+    like = key_of(stage.name, stage.version, kept, options.device, options.jobs)
+    return {"stage": stage.name, "like": like, "per_case": stage.per_case}
 
 
 def _remove_damaged(record: StageRecord, folder: Path, terminal: Terminal) -> bool:

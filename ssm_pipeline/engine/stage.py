@@ -48,6 +48,7 @@ class Stage(Generic[S]):
     settings  the part of the settings that its result depends on.
     needs     the stages whose results it reads; none: the masks themselves.
     version   to be raised when the code changes what the stage makes of the same input.
+    per_case  its time grows with the cases; False: it does not, as that of training.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Stage(Generic[S]):
     settings: Callable[[S], Any]
     needs: tuple[str, ...] = ()
     version: int = 1
+    per_case: bool = True
 
 
 @dataclass(frozen=True)

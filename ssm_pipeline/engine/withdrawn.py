@@ -8,14 +8,28 @@ from pathlib import Path
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.records import Cohort
+from ssm_pipeline.records import Cohort, DamagedFile, StudyError
 
 WITHDRAWN_FILE = "withdrawn.json"
 
 
 def withdrawn_keys(run_folder: Path) -> list[str]:
+    """Raises StudyError for a damaged file: without it, whoever withdrew would be taken back."""
     path = run_folder / WITHDRAWN_FILE
-    return list(storage.read_json(path)) if path.is_file() else []
+    if not path.is_file():
+        return []
+    try:
+        keys = storage.read_json(path)
+        if isinstance(keys, list) and all(isinstance(key, str) for key in keys):
+            return keys
+        what = "holds no list of hashes"
+    except DamagedFile as error:
+        what = error.found
+    raise StudyError(
+        f"{path} {what}. It says which cases were withdrawn from this run, so nothing is run "
+        "without it. Copy it from a backup; or take those cases out of the data's folder, then "
+        "delete it."
+    )
 
 
 def withdraw(run_folder: Path, file_key: str) -> None:

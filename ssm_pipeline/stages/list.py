@@ -37,6 +37,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         what_training_rests_on,
         needs=("spectral",),
         version=2,
+        per_case=False,
     ),
     Stage(
         "correspondence",

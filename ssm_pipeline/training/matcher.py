@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -132,10 +133,13 @@ def save_tensors(content: dict[str, Any], path: Path) -> None:
 def load_tensors(path: Path, device: str = "cpu") -> dict[str, Any]:
     """What `save_tensors` wrote; no pickle code is run. Raises DamagedFile."""
     try:
+        with zipfile.ZipFile(path) as file:  # torch itself does not look at the checksums
+            if (name := file.testzip()) is not None:
+                raise DamagedFile(path, f"is damaged ({name} is not what was written)")
         content = torch.load(path, map_location=device, weights_only=True)
     except FileNotFoundError as error:
         raise DamagedFile(path, "is missing") from error
-    except PermissionError:
+    except (DamagedFile, PermissionError):
         raise
     except Exception as error:  # damaged bytes can break the decoders anywhere
         what = f"is damaged or no file of tensors ({type(error).__name__})"

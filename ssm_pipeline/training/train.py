@@ -46,14 +46,14 @@ def train(
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
     networks = Networks.new(settings, seed, device)
-    if (weights := starting_weights(settings, bases, device)) is not None:
-        networks.load(weights.networks.state())
     optimiser = torch.optim.Adam(networks.parameters(), lr=settings.learning_rate)
     history: list[dict[str, float]] = []
     if start is not None:
         networks.load(start.networks)
         optimiser.load_state_dict(start.optimiser)
         history = list(start.history)
+    elif (weights := starting_weights(settings, bases, device)) is not None:
+        networks.load(weights.networks.state())
 
     while (place := next_place(history, settings)) < settings.steps:
         step = len(history)

@@ -19,7 +19,7 @@ from ssm_pipeline.commands.forget_case import forget_case
 from ssm_pipeline.commands.run_status import work_in_hand
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.ownership import alone_in
-from ssm_pipeline.engine.run_log import RunLog
+from ssm_pipeline.engine.run_log import RunLog, read_events
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
@@ -66,27 +66,104 @@ def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_ru
 
 
 def test_status_of_work_in_hand_gives_its_pace(workflow: Workflow, tmp_path: Path):
-    def event(second: int, kind: str, **what: object) -> dict[str, object]:
-        return {"time": f"2026-01-01T00:00:{second:02d}+00:00", "event": kind, **what}
-
     events = [
         event(0, "run"),
         event(0, "stage started", stage="meshing", cases=10),
         event(4, "case", stage="meshing", case_id="a", dropped="too small"),
         event(20, "progress", label="meshing", done=4, total=10),
     ]
-    work = work_in_hand(events)
+    folder = with_log(tmp_path / "runs" / "x", events, '{"half')
+    work = work_in_hand(list(read_events(folder)))
     assert work is not None
     assert (work.stage, work.done, work.total, work.dropped) == ("meshing", 4, 10, 1)
     assert work.seconds_left == pytest.approx(30)  # 4 took 20 s, 6 are left
-    assert work_in_hand([*events, event(30, "stage finished", stage="meshing")]) is None
-    folder = tmp_path / "runs" / "x"
-    folder.mkdir(parents=True)
-    (folder / "run.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events) + '{"half')
     stopped = workflow("status", str(folder)).stdout
     assert "stopped: meshing 4 of 10, 1 dropped, about 30 s to go" in stopped
+    assert "in all: not known; the log does not name what comes after meshing" in stopped
     with alone_in(folder):
         assert "now: meshing 4 of 10" in workflow("status", str(folder)).stdout
+    with_log(folder, [*events, event(30, "stage finished", stage="meshing")])
+    assert workflow("status", str(folder)).stdout.splitlines()[-1] == "finished"
+
+
+def event(second: int, kind: str, **what: object) -> dict[str, object]:
+    when = f"2026-01-01T00:{second // 60:02d}:{second % 60:02d}+00:00"
+    return {"time": when, "event": kind, **what}
+
+
+def with_log(folder: Path, events: list[dict[str, object]], rest: str = "") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "run.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events) + rest)
+    return folder
+
+
+def planned(second: int, steps: int) -> dict[str, object]:
+    """The run's own event: meshing, training with so many steps, report."""
+    likes = {"meshing": "m", "training": f"t{steps}", "report": "r"}
+    stages = [
+        {"stage": stage, "like": like, "per_case": stage != "training"}
+        for stage, like in likes.items()
+    ]
+    return event(second, "run", stages=stages)
+
+
+def test_status_foresees_the_stages_to_come_by_what_they_took_before(
+    workflow: Workflow, tmp_path: Path
+):
+    """Another run beside it had 10 cases: 20 s of meshing, stopped half-way; 100 s of training."""
+    with_log(
+        tmp_path / "runs" / "before",
+        [
+            planned(0, steps=500),
+            event(0, "stage started", stage="meshing", cases=10),
+            *(event(n, "case", stage="meshing", case_id=str(n), dropped=None) for n in range(1, 6)),
+            event(10, "run stopped", error="KeyboardInterrupt"),
+            planned(300, steps=500),
+            event(300, "stage started", stage="meshing", cases=10),
+            *(event(300 + n, "case", stage="meshing", case_id=str(n), dropped=None)
+              for n in range(6, 11)),
+            event(310, "stage finished", stage="meshing"),
+            event(310, "stage started", stage="training", cases=10),
+            event(410, "stage finished", stage="training"),
+            event(410, "stage started", stage="report", cases=10),
+            event(415, "stage finished", stage="report"),
+            event(415, "run finished"),
+        ],
+    )  # fmt: skip
+    meshing = [
+        event(0, "stage started", stage="meshing", cases=30),
+        event(30, "progress", label="meshing", done=15, total=30),
+    ]
+    runs = tmp_path / "runs"
+    same = workflow("status", str(with_log(runs / "a", [planned(0, steps=500), *meshing]))).stdout
+    # 30 cases are three times as many: 60 s of meshing, 15 s of report; training stays 100 s.
+    assert "stopped: meshing 15 of 30, about 30 s to go" in same
+    assert "then: training 1 min 40 s, report 15 s, by what they took before" in same
+    assert same.splitlines()[-1] == "in all: about 2 min 25 s to go"
+    other = workflow("status", str(with_log(runs / "b", [planned(0, steps=900), *meshing]))).stdout
+    assert other.splitlines()[-3:] == [
+        "then: report 15 s, by what they took before",
+        "in all: at least 45 s to go",
+        "not known: how long training will take; by these settings, no run beside this one came "
+        "through them",
+    ]
+
+
+def test_a_run_names_its_stages_for_the_status(workflow: Workflow, tiny_run: Path, tmp_path: Path):
+    """As it would be in the middle of the correspondence, beside the same run, finished."""
+    whole = (tiny_run / "run.jsonl").read_text()
+    begun = whole[: whole.index('"stage started", "stage": "correspondence"')]
+    cut = tmp_path / "runs" / "cut"
+    cut.mkdir(parents=True)
+    line = whole[len(begun) :].splitlines()[0]
+    (cut / "run.jsonl").write_text(begun + line + "\n")
+    (tmp_path / "runs" / "whole").mkdir()
+    (tmp_path / "runs" / "whole" / "run.jsonl").write_text(whole)
+    then, in_all = workflow("status", str(cut)).stdout.splitlines()[-2:]
+    assert [part.split()[0] for part in then.removeprefix("then: ").split(", ")][:4] == [
+        "groupwise", "shape_model", "evaluation", "report"
+    ]  # fmt: skip
+    assert in_all.startswith("in all: about ")
 
 
 def test_the_log_holds_what_was_said_and_the_traceback_of_a_fault(tmp_path: Path):

@@ -147,3 +147,19 @@ def test_a_nrrd_without_names(tmp_path: Path) -> None:
     sitk.WriteImage(sitk.GetImageFromArray(np.ones((9, 9, 9), np.uint8)), tmp_path / "a.nrrd")
     with pytest.raises(CaseError, match=r"case a: a\.nrrd names no segments"):
         read_segments(tmp_path / "a.nrrd", ("liver",), "a")
+
+
+def test_frames_that_lie_a_kilometre_apart_are_refused(tmp_path: Path) -> None:
+    """The slices between them would be filled with nothing: hundreds of gigabytes of it."""
+    import pydicom
+
+    path = write_dicom_seg(tmp_path / "a.dcm", *two_organs())
+    content = pydicom.dcmread(path)
+    for frame in content.PerFrameFunctionalGroupsSequence[:1]:
+        position = np.array(frame.PlanePositionSequence[0].ImagePositionPatient, float)
+        frame.PlanePositionSequence[0].ImagePositionPatient = list(
+            np.round(position - 400_000 * 2.5 * DIRECTION[:, 2], 6)
+        )
+    content.save_as(path)
+    with pytest.raises(CaseError, match=r"case a: .*its frames span 40\d{4} slices"):
+        read_segments(path, ("liver",), "a")

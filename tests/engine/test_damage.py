@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,9 @@ from test_runner import GOOD, Bench
 from toy_study import write_masks
 
 from ssm_pipeline.engine.left_files import damaged_files
+from ssm_pipeline.engine.run_log import RunLog, read_events
 from ssm_pipeline.engine.stage import StageRecord
+from ssm_pipeline.engine.withdrawn import WITHDRAWN_FILE, withdraw
 from ssm_pipeline.records import StudyError
 
 
@@ -100,3 +103,51 @@ def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench):
     assert not (run_folder(bench) / "double" / "b").exists()
     assert bench.worked_on == ["e"]
     assert bench.sum == "26"
+
+
+def test_a_record_that_names_files_elsewhere_has_none_of_them_deleted(bench: Bench):
+    precious = bench.folder / "case.json"  # beside the folder of runs
+    precious.write_text("mine")
+    for record in ("double/stage.json", "double/b/case.json"):
+        path = run_folder(bench) / record
+        for name in (str(precious), "../../../case.json", "../../../../case.json"):
+            content = json.loads(path.read_text())
+            content["files"][name] = [1, "0"]
+            path.write_text(json.dumps(content))
+            bench.run()
+            assert precious.read_text() == "mine"
+    assert bench.sum == "20"
+
+
+@pytest.mark.parametrize("content", ["", "{", "5", "[5]", "{}"])
+def test_no_damage_takes_back_who_withdrew(bench: Bench, content: str):
+    """Other damaged files are made again; of this one there is no other copy."""
+    write_masks(bench.masks, {"e": "5"})
+    keys = json.loads((run_folder(bench) / "study.json").read_text())["cases"]
+    withdraw(run_folder(bench), keys["b"])
+    bench.run()
+    path = run_folder(bench) / WITHDRAWN_FILE
+    path.write_text(content)
+    with pytest.raises(StudyError, match="says which cases were withdrawn"):
+        bench.run()
+    assert path.read_text() == content
+    assert bench.worked_on == []
+
+
+def test_a_line_of_the_log_cut_short_does_not_swallow_the_next(bench: Bench):
+    log = run_folder(bench) / "run.jsonl"
+    before = list(read_events(run_folder(bench)))
+    log.write_bytes(log.read_bytes()[:-9])
+    RunLog(run_folder(bench)).event("run", study="toy")
+    after = list(read_events(run_folder(bench)))
+    assert after[:-1] == before[:-1]
+    assert after[-1]["study"] == "toy"
+
+
+@pytest.mark.parametrize("cases", [5, ["a"], {"a": 1}])
+def test_an_owner_of_another_kind_is_read_from_the_log(bench: Bench, cases: object):
+    path = run_folder(bench) / "study.json"
+    whole = json.loads(path.read_text())
+    path.write_text(json.dumps(whole | {"cases": cases}))
+    assert "nothing to do" in bench.run()
+    assert json.loads(path.read_text()) == whole

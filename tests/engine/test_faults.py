@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
-from faults import FAULTS, results_in, resumes_as_if_nothing_had_been, run_with_fault, writes_of
+from faults import (
+    FAULTS,
+    moments,
+    results_in,
+    resumes_as_if_nothing_had_been,
+    run_and_kill,
+    run_with_fault,
+    writes_of,
+)
 from toy_bench import GOOD, Bench
 from toy_study import write_masks
 
@@ -29,6 +38,20 @@ def test_every_fault_at_every_write_is_survived(tmp_path: Path, fault: str):
         bench = bench_in(tmp_path / str(number))
         assert run_with_fault(bench.run, fault, number)
         resumes_as_if_nothing_had_been(bench.run, bench.folder / "runs" / "toy", whole)
+
+
+def test_kills_at_random_moments_are_survived(tmp_path: Path):
+    undisturbed = bench_in(tmp_path / "undisturbed")
+    start = time.perf_counter()
+    run_and_kill(undisturbed.run, 60)
+    seconds = time.perf_counter() - start
+    whole = results_in(undisturbed.folder / "runs" / "toy")
+    killed = 0
+    for number, moment in enumerate(moments(30, seconds, seed=0)):
+        bench = bench_in(tmp_path / str(number))
+        killed += run_and_kill(bench.run, moment)
+        resumes_as_if_nothing_had_been(bench.run, bench.folder / "runs" / "toy", whole)
+    assert killed > 15
 
 
 def test_the_harness_sees_a_file_that_stays_torn(tmp_path: Path):

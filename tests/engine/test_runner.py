@@ -15,7 +15,7 @@ from toy_bench import GOOD, Bench
 from toy_study import write_masks
 
 from ssm_pipeline.engine import process
-from ssm_pipeline.engine.per_case import CaseFailure
+from ssm_pipeline.engine.per_case import CaseFailure, CaseTask, map_cases
 from ssm_pipeline.records import StudyError
 
 
@@ -137,6 +137,22 @@ def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench):
     bench.run()
     assert "c" in bench.worked_on
     assert bench.sum == "28"
+
+
+KEPT: list[bytes] = []  # in a worker
+
+
+def keep_memory(folder: Path) -> dict[str, int]:
+    KEPT.append(b"1" * 200_000_000)
+    time.sleep(0.6)  # joblib looks at a worker's memory once a second
+    return {"process": os.getpid()}
+
+
+def test_a_worker_may_grow_without_being_taken_for_a_leak(tmp_path: Path):
+    """joblib would end it at 300 MB, and warn, which is an error here."""
+    tasks = [CaseTask(str(number), "key", keep_memory) for number in range(8)]
+    results = map_cases(tasks, tmp_path, 2)
+    assert len({result.row["process"] for result in results}) == 2
 
 
 def start_and_wait(parent_file: Path, child_file: Path) -> None:

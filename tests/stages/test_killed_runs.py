@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 from faults import (
     FAULTS,
+    moments,
     results_in,
     resumes_as_if_nothing_had_been,
     run_and_kill,
@@ -18,7 +19,16 @@ from faults import (
 )
 from tiny_study import NAME, run_tiny, write_balls
 
-MOMENTS = 30
+LONG_ENOUGH_S = 1e6
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """What a run leaves, how many files it names, and how long it takes."""
+
+    results: dict[str, bytes]
+    writes: int
+    seconds: float
 
 
 @pytest.fixture(scope="module")
@@ -27,40 +37,58 @@ def masks(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(
-    masks: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[dict[str, bytes], int, float]:
-    """What a run leaves, how many files it names, and how long it takes (s)."""
+def undisturbed(masks: Path, tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
     runs = tmp_path_factory.mktemp("undisturbed")
     start = time.perf_counter()
     count = writes_of(lambda: run_tiny(masks, runs))
-    return results_in(runs / NAME), count, time.perf_counter() - start
+    return Undisturbed(results_in(runs / NAME), count, time.perf_counter() - start)
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments(masks: Path, undisturbed, tmp_path: Path):
-    whole, _, seconds = undisturbed
+@pytest.mark.parametrize(("jobs", "kills"), [(1, 30), (2, 10)])
+def test_killed_at_random_moments(
+    masks: Path, undisturbed: Undisturbed, tmp_path: Path, jobs: int, kills: int
+):
+    """With two processes a run may be through before the last moments."""
     killed = 0
-    for number, share in enumerate(np.random.default_rng(0).random(MOMENTS)):
+    for number, moment in enumerate(moments(kills, undisturbed.seconds, seed=jobs)):
         runs = tmp_path / str(number)
-        killed += run_and_kill(lambda runs=runs: run_tiny(masks, runs), share * seconds)
+
+        def run(runs: Path = runs) -> object:
+            return run_tiny(masks, runs, jobs=jobs)
+
+        was_killed = run_and_kill(run, moment)
         resumes_as_if_nothing_had_been(
-            lambda runs=runs: run_and_kill(lambda: run_tiny(masks, runs), 1e6), runs / NAME, whole
+            lambda run=run: run_and_kill(run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
         )
-        print(f"killed after {share * seconds:.1f} s: same bytes, no finished case redone")
+        killed += was_killed
+        print(
+            f"{jobs} at a time, {'killed' if was_killed else 'through'} after {moment:.1f} s: "
+            "same bytes, no finished case redone",
+            flush=True,
+        )
         shutil.rmtree(runs)
-    assert killed > MOMENTS // 2
+    assert killed > kills // 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_at_every_write(masks: Path, undisturbed, tmp_path: Path, fault: str):
-    whole, writes, _ = undisturbed
-    for number in range(1, writes + 1):
+def test_every_fault_at_every_write(
+    masks: Path, undisturbed: Undisturbed, tmp_path: Path, fault: str
+):
+    for number in range(1, undisturbed.writes + 1):
         runs = tmp_path / str(number)
-        assert run_with_fault(lambda runs=runs: run_tiny(masks, runs), fault, number)
+
+        def run(runs: Path = runs) -> object:
+            return run_tiny(masks, runs)
+
+        assert run_with_fault(run, fault, number)
         resumes_as_if_nothing_had_been(
-            lambda runs=runs: run_and_kill(lambda: run_tiny(masks, runs), 1e6), runs / NAME, whole
+            lambda run=run: run_and_kill(run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
         )
-        print(f"{fault} at write {number} of {writes}: same bytes, no finished case redone")
+        print(
+            f"{fault} at write {number} of {undisturbed.writes}: same bytes, no finished case "
+            "redone",
+            flush=True,
+        )
         shutil.rmtree(runs)

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ssm_pipeline.commands.compare_cases import read_table
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 
@@ -38,6 +39,17 @@ def test_ids_that_look_like_numbers_stay_as_they_are():
         pd.DataFrame({"case_id": ["007", "010"], "age": [1, 2]}), ("010", "007")
     )
     assert list(rows["age"]) == [2, 1]
+
+
+def test_ids_that_pandas_takes_for_missing_are_ids(tmp_path):
+    ids = ("NA", "nan", "None", "007", "null")
+    rows = "".join(f"{case_id}\t{age}\n" for age, case_id in enumerate(ids))
+    (tmp_path / "a.tsv").write_text("participant_id\tage\n" + rows + "n/a\tn/a\n")
+    read = read_table(tmp_path / "a.tsv")
+    assert read["age"].isna().tolist() == [False] * 5 + [True]
+    matched = matched_to_cases(read[:5], ids[::-1])
+    assert tuple(matched["case_id"]) == ids[::-1]
+    assert list(matched["age"]) == [4, 3, 2, 1, 0]
 
 
 def test_a_formula_makes_its_columns():

@@ -5,6 +5,7 @@ from shapes import basis_of, blob
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
+from ssm_pipeline.training.checkpoint import Checkpoint
 from ssm_pipeline.training.matcher import load_matcher, save_matcher
 from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 from ssm_pipeline.training.start import refuse_other_networks, starting_weights
@@ -45,6 +46,20 @@ def test_steps_from_given_weights_begin_where_those_ended(bases, trained):
     assert started[0] != fresh[0]
     weights = [train(bases, settings, seed=4) for settings in (SMALL, go_on)]
     assert not torch.equal(*(next(matcher.networks.parameters()) for matcher in weights))
+
+
+def test_training_that_goes_on_does_not_read_its_start_again(bases, trained, tmp_path):
+    """The weights stand in the checkpoint; the file that training began from may be gone."""
+    _, path = trained
+    begun = tmp_path / "matcher.pt"
+    begun.write_bytes(path.read_bytes())
+    settings = SMALL.model_copy(update={"start": str(begun), "checkpoint_every": 2})
+    checkpoints: list[Checkpoint] = []
+    whole = train(bases, settings, seed=4, on_checkpoint=checkpoints.append)
+    begun.unlink()
+    resumed = train(bases, settings, seed=4, start=checkpoints[0])
+    shape = whole.shape(bases[0])
+    assert torch.equal(whole.features(shape), resumed.features(shape))
 
 
 def test_half_precision_is_half_as_large_and_nearly_the_same(bases, trained, tmp_path):
