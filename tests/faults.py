@@ -22,7 +22,7 @@ from ssm_pipeline.records import StudyError
 
 REFUSALS = {"full disk": errno.ENOSPC, "failing disk": errno.EIO, "read-only disk": errno.EROFS}
 FAULTS = ("kill before", "kill after", "half written", "torn", "lost rename", *REFUSALS)
-OF_THE_DAY = ("seconds", "peak_memory_mb", "finished_at")
+OF_THE_DAY = ("seconds", "peak_memory_mb", "finished_at", "ran_on")
 
 
 def run_with_fault(run: Callable[[], object], fault: str, at_write: int) -> bool:
@@ -127,7 +127,7 @@ def finished_cases(run_folder: Path) -> dict[Path, float]:
 
 
 def results_in(run_folder: Path) -> dict[str, bytes]:
-    """What a run leaves, but for its log and for times and memory, which are of the day."""
+    """What a run leaves, but for its log, times, memory and processes, which are of the day."""
     found = {}
     for path in sorted(run_folder.rglob("*")):
         if not path.is_file() or path.name in ("run.log", "run.jsonl", "index.html"):

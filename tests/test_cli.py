@@ -65,6 +65,9 @@ def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Wo
     result = workflow("run", "hippocampus")
     assert result.code == 1
     assert "study hippocampus needs masks. Pass --data FOLDER" in result.stderr
+    Path("livers.yaml").write_text("data: {source: meshes}\n")
+    for command in ("run", "check"):
+        assert "study livers needs surfaces. Pass --data" in workflow(command, "livers").stderr
 
 
 def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Path):

@@ -18,7 +18,7 @@ StudyName = Annotated[
     str, typer.Argument(help="A study's name (see `workflow list`) or the path of its YAML.")
 ]
 DataFolder = Annotated[
-    Path | None, typer.Option("--data", help="Folder with the masks.", show_default=False)
+    Path | None, typer.Option("--data", help="Folder with the cases.", show_default=False)
 ]
 Changes = Annotated[
     list[str] | None,

@@ -50,7 +50,7 @@ def forget(
     typer.echo(f"{len(forgotten.deleted)} files deleted. Later runs leave the case out.")
     for folder in forgotten.exports:
         typer.echo(f"delete by hand, or export again: {folder}")
-    typer.echo("Take the mask out of its folder too, then run the study again for a new model.")
+    typer.echo("Take its file out of the data's folder too, then run again for a new model.")
 
 
 @app.command()

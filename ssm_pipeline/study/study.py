@@ -70,7 +70,7 @@ def find_study(name: str) -> Path:
 def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ()) -> Study:
     """Read a study by name or path, with masks from `data` and `--set` changes (`a.b=value`).
 
-    Raises StudyError for an unknown study or key, a value out of range, or masks not given.
+    Raises StudyError for an unknown study or key, a value out of range, or cases not given.
     """
     path = find_study(name)
     content = read_yaml(path)
@@ -81,14 +81,17 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
     over += parse_changes(changes)
     changed = functools.reduce(merge, over, content)
     if not isinstance(content.get("data"), Mapping) or not isinstance(changed["data"], Mapping):
-        raise StudyError(f"{path}: a section `data` is needed, with `source: masks` or luna16.")
+        raise StudyError(
+            f"{path}: a section `data` is needed, with `source: masks`, meshes or luna16."
+        )
     is_stand_in = (
         changed["data"].get("source") != "phantoms" and changed["data"].get("folder") is None
     )
     if is_stand_in:
         if stand_in is None:
+            noun = "surfaces" if changed["data"].get("source") == "meshes" else "masks"
             raise StudyError(
-                f"study {path.stem} needs masks. Pass --data FOLDER, or set data.folder in {path}."
+                f"study {path.stem} needs {noun}. Pass --data FOLDER, or set data.folder in {path}."
             )
         # Changes come last again: what the user asks for counts over the file.
         changed = functools.reduce(merge, [stand_in, *over], content)
