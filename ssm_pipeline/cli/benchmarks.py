@@ -86,6 +86,30 @@ def results(
 
 
 @benchmark.command()
+def training(
+    study: StudyName,
+    data: DataFolder = None,
+    changes: Changes = None,
+    runs: RunsFolder = Path("runs"),
+    device: Device = None,
+    jobs: Jobs = None,
+) -> None:
+    """What training brings a study: few and many steps, from built-in and from fresh weights."""
+    from ssm_pipeline.commands.training_curve import run_training_curve
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+    from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.study.study import read_study
+
+    chosen = read_study(study, data, changes or [])
+    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    terminal = Terminal()
+    _, table = run_training_curve(chosen.name, chosen.settings, options, terminal)
+    terminal.say(table.round(3).to_string(index=False))
+    terminal.say(f"table: {runs / f'{chosen.name}-training.csv'}")
+
+
+@benchmark.command()
 def spread(
     study: StudyName,
     data: DataFolder = None,

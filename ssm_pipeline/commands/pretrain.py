@@ -36,7 +36,7 @@ def pretrain(
     from ssm_pipeline.training.train import train
 
     settings = pretraining_settings(features, steps)
-    terminal.say("drawing 96 shapes …")
+    terminal.say("drawing the shapes …")
     meshes, families = pretraining_shapes()
     spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
     bases = []
@@ -54,5 +54,5 @@ def pretrain(
             on_step=lambda step, losses: progress.advance_to(step, f"loss {losses['total']:.3g}"),
         )
     to.parent.mkdir(parents=True, exist_ok=True)
-    save_matcher(matcher, to, half=True)
+    save_matcher(matcher, to, packed=True)
     terminal.say(f"{to}: {to.stat().st_size / 2**20:.1f} MB")

@@ -108,6 +108,11 @@ def _made(
 
         runs, each, mean = run_spread(part.study, settings, place, terminal)
         return runs, {"spread_runs": each, "spread": mean}
+    if part.kind == "training":
+        from ssm_pipeline.commands.training_curve import run_training_curve
+
+        run, table = run_training_curve(part.study, settings, place, terminal)
+        return [run], {"training": table}
     folder = run_study(part.study, settings, place, terminal)
     tables = {n: t for n, t in load_run(folder).metrics.tables.items() if n in QUOTED}
     for name in ("losses", "epochs"):

@@ -12,13 +12,14 @@ class Part:
     """One part of the results.
 
     kind      "study": a study's run; "phantoms": the phantom benchmark on the reported cohorts;
-              "spread": a study's run repeated with other seeds and templates.
+              "spread": a study's run repeated with other seeds and templates; "training": with few and
+              many steps, from built-in and from fresh weights.
     needs     the name that the data's folder is given by (`--data lungs=FOLDER`); None: no data.
     changes   to the study's settings, as `--set` takes them.
     """
 
     name: str
-    kind: Literal["study", "phantoms", "spread"]
+    kind: Literal["study", "phantoms", "spread", "training"]
     study: str
     needs: str | None = None
     changes: tuple[str, ...] = ()
@@ -57,6 +58,13 @@ _UNSEEN = (
     "evaluation.folds=5",
 )
 _SPREAD = (_rows("network start", "adaptation only"),)
+# The rows that rest on the networks alone, no rounds, few draws.
+_TRAINING = (
+    _rows("network start", "without adaptation"),
+    "groupwise.rounds=0",
+    "evaluation.points=4000",
+    "evaluation.samples=100",
+)
 # The first cases by name; others chose settings.
 _HIPPOCAMPI = ("data.limit=24",)
 # Twelve runs, three cohorts as scanned and turned of two families: S3M's rows briefly.
@@ -93,6 +101,18 @@ PARTS = (
         "hippocampus",
         needs="hippocampi",
         changes=(*_UNSEEN, *_HIPPOCAMPI),
+    ),
+    Part("lungs-training", "training", "luna16", needs="lungs", changes=_TRAINING),
+    Part(
+        "hippocampi-training",
+        "training",
+        "hippocampus",
+        needs="hippocampi",
+        changes=(*_TRAINING, *_HIPPOCAMPI),
+    ),
+    Part("spleens-training", "training", "spleen", needs="spleens", changes=_TRAINING),
+    Part(
+        "phantoms-training", "training", "phantoms", changes=(*_TRAINING[:2], "data.cases=12")
     ),
     Part("phantom-lungs", "phantoms", "phantoms", changes=_PHANTOMS),
     Part("phantom-tubes", "phantoms", "phantoms", changes=(*_PHANTOMS, "data.family=tube")),

@@ -62,17 +62,13 @@ def test_training_that_goes_on_does_not_read_its_start_again(bases, trained, tmp
     assert torch.equal(whole.features(shape), resumed.features(shape))
 
 
-def test_half_precision_is_half_as_large_and_nearly_the_same(bases, trained, tmp_path):
+def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path):
     matcher, path = trained
-    save_matcher(matcher, tmp_path / "half.pt", half=True)
-    assert (tmp_path / "half.pt").stat().st_size < 0.8 * path.stat().st_size
+    save_matcher(matcher, tmp_path / "packed.pt", packed=True)
+    assert (tmp_path / "packed.pt").stat().st_size < 0.7 * path.stat().st_size
     shape = matcher.shape(bases[0])
-    torch.testing.assert_close(
-        load_matcher(tmp_path / "half.pt").features(shape),
-        matcher.features(shape),
-        rtol=2e-2,
-        atol=2e-2,
-    )
+    difference = load_matcher(tmp_path / "packed.pt").features(shape) - matcher.features(shape)
+    assert difference.square().mean().sqrt() < 0.03  # features have a standard deviation of 1
 
 
 @pytest.mark.parametrize("features", ["wks", "xyz+wks"])
