@@ -12,8 +12,8 @@ class Part:
     """One part of the results.
 
     kind      "study": a study's run; "phantoms": the phantom benchmark on the reported cohorts;
-              "spread": a study's run repeated with other seeds and templates; "training": with few and
-              many steps, from built-in and from fresh weights.
+              "spread": a study's run repeated with other seeds and templates; "training": with few
+              and many steps, from built-in and from fresh weights.
     needs     the name that the data's folder is given by (`--data lungs=FOLDER`); None: no data.
     changes   to the study's settings, as `--set` takes them.
     """
@@ -111,9 +111,7 @@ PARTS = (
         changes=(*_TRAINING, *_HIPPOCAMPI),
     ),
     Part("spleens-training", "training", "spleen", needs="spleens", changes=_TRAINING),
-    Part(
-        "phantoms-training", "training", "phantoms", changes=(*_TRAINING[:2], "data.cases=12")
-    ),
+    Part("phantoms-training", "training", "phantoms", changes=(*_TRAINING[:2], "data.cases=12")),
     Part("phantom-lungs", "phantoms", "phantoms", changes=_PHANTOMS),
     Part("phantom-tubes", "phantoms", "phantoms", changes=(*_PHANTOMS, "data.family=tube")),
 )

@@ -35,8 +35,8 @@ SCHEDULES = (
     Schedule("built-in", 200),
     Schedule("none", 50),
     Schedule("none", 200),
-    Schedule("none", 800),
-    Schedule("none", 800, patience=100),
+    Schedule("none", 500),
+    Schedule("none", 1000, patience=100),
 )
 _MEASURES = ("generalisation_surface_mm", "specificity_surface_mm", "surface_fit_mm")
 

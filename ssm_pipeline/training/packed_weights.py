@@ -12,7 +12,9 @@ _LARGEST = 127
 def pack(state: dict[str, torch.Tensor]) -> dict[str, Any]:
     """Matrices as int8 with a scale per row, off by at most 1/254 of the row's largest; the rest,
     and the scales, in half precision."""
-    return {name: _packed(value) if value.ndim > 1 else value.half() for name, value in state.items()}
+    return {
+        name: _packed(value) if value.ndim > 1 else value.half() for name, value in state.items()
+    }
 
 
 def unpack(state: dict[str, Any]) -> dict[str, torch.Tensor]:
