@@ -26,7 +26,7 @@ import pandas as pd
 
 from data_prep import luna16
 from data_prep.images import read_mask
-from data_prep.sides import reflect
+from data_prep.selection import Choice
 from ssm_pipeline.commands.fit_patients import (
     cases_to_judge_by,
     matched_to_template,
@@ -44,8 +44,10 @@ from ssm_pipeline.records import Mask, Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.stages.run import Run, load_run
 from ssm_pipeline.study.settings import StudySettings
+from ssm_pipeline.study.sources import FolderData
 from ssm_pipeline.study.study import read_run_settings
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
 REMOVED = 1 / 3  # of the height
 JOBS = 1  # so that this process's own time is all that was spent
 
@@ -61,12 +63,10 @@ def main() -> None:
     if arguments.own:
         print(lab.own_intervals().to_string(index=False, float_format="%.2f"))
         return
-    held_out = tuple(lab.settings.data.exclude)  # type: ignore[union-attr]
-    cases = luna16.find_cases(arguments.data, cases=held_out).cases
-    masks = {case.case_id: case.load() for case in cases}
+    masks = {name: lung(arguments.data, name, luna16.LEFT) for name in lab.held_out}
     tables = {
         "whole": lab.whole(masks),
-        "of another kind": lab.strange(masks[held_out[0]], arguments.data, arguments.organ),
+        "of another kind": lab.strange(masks, arguments.data, arguments.organ),
         "without the top third": lab.partial(masks),
     }
     for title, table in tables.items():
@@ -89,6 +89,13 @@ class Lab:
         print(
             f"the model's own cases, each left out: {time.process_time() - start:.0f} core seconds"
         )
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        data = self.settings.data
+        if not isinstance(data, FolderData) or not data.exclude:
+            raise SystemExit("the run excludes no case; see --help")
+        return tuple(data.exclude)
 
     def fitted(self, surface: Mesh, matched: np.ndarray | None = None) -> FitReport:
         yardstick = Yardstick(self.model, self.shapes, self.meshes, self.reference)
@@ -131,14 +138,17 @@ class Lab:
             )
         return pd.DataFrame(rows)
 
-    def strange(self, mask: Mask, data: Path, organ: Path | None) -> pd.DataFrame:
-        right = luna16.find_cases(data, side="right", cases=(mask.case_id,)).cases[0].load()
+    def strange(self, masks: dict[str, Mask], data: Path, organ: Path | None) -> pd.DataFrame:
+        case_id, mask = next(iter(masks.items()))
+        right = lung(data, case_id, luna16.RIGHT)
         down = np.diag([1.0, -1.0, -1.0])
         upside_down = dataclasses.replace(
             mask, origin_mm=down @ mask.origin_mm, direction=down @ mask.direction
         )
         offered = {"itself": mask, "right": right, "upside down": upside_down}
-        offered["mirrored"] = reflect(mask)  # type: ignore[assignment]
+        offered["mirrored"] = dataclasses.replace(
+            mask, origin_mm=mask.origin_mm * MIRROR, direction=MIRROR[:, None] * mask.direction
+        )
         if organ is not None:
             offered["another organ"] = read_mask(organ, (1, 2), "organ")
         rows = []
@@ -204,6 +214,11 @@ class Lab:
         start = start_poses(self.model, part, self.reference.upright, self.settings.seed)[0].frame
         stiff = dataclasses.replace(self.model.truncate(1), variances=np.array([1e-9]))
         return fit(stiff, part, start, seed=self.settings.seed).vertices
+
+
+def lung(data: Path, case_id: str, label: int) -> Mask:
+    (case,) = luna16.find_cases(data, choice=Choice(cases=(case_id,))).cases
+    return read_mask(case.files[0], (label,), case_id, "lung")
 
 
 def without_top(mask: Mask) -> Mask:
