@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from data_prep.surface_files import read_mesh
-    from ssm_pipeline.commands.evaluate_shapes import evaluate
+    from ssm_pipeline.adaptation.settings import AdaptationSettings
+    from ssm_pipeline.commands.evaluate_shapes import compare_methods, evaluate
     from ssm_pipeline.commands.from_python import run
     from ssm_pipeline.commands.in_memory import correspond, match_cohort, train
+    from ssm_pipeline.evaluation.settings import EvaluationSettings
     from ssm_pipeline.fitting.model_fit import fit
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.records import (
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
         CorrespondedShapes,
         Correspondence,
         Mesh,
+        Metrics,
         SpectralBasis,
         StudyError,
     )
@@ -31,19 +34,25 @@ if TYPE_CHECKING:
     from ssm_pipeline.shape_model.model import ShapeModel, load_model
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.stages.run import load_run
+    from ssm_pipeline.training.settings import TrainingSettings
 
     __version__: str
 
 # Public name → the module it lives in.
 _HOMES = {
+    "AdaptationSettings": "ssm_pipeline.adaptation.settings",
     "CaseError": "ssm_pipeline.records",
     "CorrespondedShapes": "ssm_pipeline.records",
     "Correspondence": "ssm_pipeline.records",
+    "EvaluationSettings": "ssm_pipeline.evaluation.settings",
     "Mesh": "ssm_pipeline.records",
+    "Metrics": "ssm_pipeline.records",
     "ShapeModel": "ssm_pipeline.shape_model.model",
     "SpectralBasis": "ssm_pipeline.records",
     "StudyError": "ssm_pipeline.records",
+    "TrainingSettings": "ssm_pipeline.training.settings",
     "build_model": "ssm_pipeline.shape_model.build",
+    "compare_methods": "ssm_pipeline.commands.evaluate_shapes",
     "correspond": "ssm_pipeline.commands.in_memory",
     "decimate": "ssm_pipeline.meshing.decimation",
     "evaluate": "ssm_pipeline.commands.evaluate_shapes",
@@ -58,15 +67,20 @@ _HOMES = {
 }
 
 __all__ = [
+    "AdaptationSettings",
     "CaseError",
     "CorrespondedShapes",
     "Correspondence",
+    "EvaluationSettings",
     "Mesh",
+    "Metrics",
     "ShapeModel",
     "SpectralBasis",
     "StudyError",
+    "TrainingSettings",
     "__version__",
     "build_model",
+    "compare_methods",
     "correspond",
     "decimate",
     "evaluate",

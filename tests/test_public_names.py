@@ -6,6 +6,7 @@ import ast
 import doctest
 import importlib.metadata
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,12 @@ def test_every_public_name_is_there_and_no_other() -> None:
     assert set(ssm.__all__) <= set(dir(ssm))
     with pytest.raises(AttributeError, match="no attribute 'brian'"):
         ssm.brian  # noqa: B018
+
+
+def test_every_public_name_is_on_the_api_page() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^::: ssm_pipeline\.(\w+)$", page, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(set(ssm.__all__) - {"__version__"})
 
 
 def test_type_checkers_see_the_same_names() -> None:

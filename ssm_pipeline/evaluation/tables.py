@@ -58,15 +58,13 @@ def comparisons(
         "comparison": compare(scores, FULL, bootstrap_draws, first),
         "comparison_95": compare(scores, FULL, bootstrap_draws, second, own_modes),
     }
-    tables["comparison"] = _with_surface_fits(tables["comparison"], scores)
+    tables["comparison"] = with_surface_fits(tables["comparison"], scores)
     if with_paper:
         tables["paper"] = PAPER_LUNA16
     return tables
 
 
-def _with_surface_fits(
-    comparison: pd.DataFrame, scores: Mapping[str, Metrics]
-) -> pd.DataFrame:
+def with_surface_fits(comparison: pd.DataFrame, scores: Mapping[str, Metrics]) -> pd.DataFrame:
     """The comparison with surface_fit_mm: models fitted to held-out surfaces, mean over the cases,
     with its standard error over them."""
     columns: dict[str, list[float]] = {"surface_fit_mm": [], "surface_fit_se_mm": []}

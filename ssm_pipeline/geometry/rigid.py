@@ -39,7 +39,10 @@ def iterative_closest_point(
     """Rigid motion of source (S, 3) onto target (Q, 3), both evenly sampled surfaces.
 
     Starts with the centroids on each other unless `start` is given; matches both ways, so that
-    neither surface can hide in the other. Source: Besl and McKay 1992.
+    neither surface can hide in the other. Ends where a step lowers the mean squared distance by
+    less than `tolerance` of itself, after `steps` at the latest: on smooth surfaces the last of it
+    falls slowly, and what follows the alignment moves more than is left. Source: Besl and McKay
+    1992.
     """
     frame = start or Similarity(1.0, np.eye(3), target.mean(axis=0) - source.mean(axis=0))
     target_tree = cKDTree(target)
