@@ -2,7 +2,7 @@
 # docker run --rm -v "$PWD/runs:/work/runs" ssm-pipeline run luna16
 # docker run --rm -v "$PWD/runs:/work/runs" -v /where/luna16/is:/data:ro \
 #     ssm-pipeline run luna16 --data /data
-FROM python:3.12-slim
+FROM python:3.12-slim-bookworm
 RUN apt-get update -qq \
     && apt-get install -y -qq --no-install-recommends libgl1 libopengl0 libegl1 libosmesa6 libgomp1 \
     && rm -rf /var/lib/apt/lists/*

@@ -9,6 +9,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import yaml
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 MODULES = [*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")]
@@ -52,6 +54,25 @@ def test_all_that_is_imported_is_asked_for() -> None:
 def test_all_that_is_asked_for_is_imported() -> None:
     brought = set().union(*distributions(imported()).values())
     assert not names(PROJECT["dependencies"]) - brought
+
+
+def test_the_image_holds_the_system_packages_that_make_installs() -> None:
+    wanted = re.search(r"^SYSTEM_PACKAGES := (.*)$", text_of("Makefile"), flags=re.MULTILINE)
+    installed = re.search(r"apt-get install (.*?)&&", text_of("Dockerfile"), flags=re.DOTALL)
+    assert wanted is not None
+    assert installed is not None
+    assert set(wanted[1].split()) <= set(installed[1].split())
+
+
+def test_the_citation_names_the_version_of_the_package() -> None:
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+
+
+def text_of(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
 
 
 def test_constraints_hold_a_version_of_each() -> None:

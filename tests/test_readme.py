@@ -69,10 +69,10 @@ def test_every_command_and_option_named_exists(page: str):
         assert name in group.commands, f"workflow {name}"
     lines = [line for line in PAGES[page].splitlines() if "workflow" in line or "`--" in line]
     for option in set(re.findall(r"(--[a-z-]+)\b", "\n".join(lines))):
-        assert option in options, option
+        assert option in options | {"--help"}, option
 
 
-def test_every_command_is_in_readme():
+def test_every_command_is_on_its_page():
     import typer
 
     from ssm_pipeline import cli
@@ -81,7 +81,7 @@ def test_every_command_is_in_readme():
     names = [*group.commands.keys() - {"benchmark"}]
     names += [f"benchmark {name}" for name in group.commands["benchmark"].commands]
     for name in names:
-        assert f"workflow {name}" in PAGES["README.md"], name
+        assert f"`workflow {name}" in PAGES["docs/commands.md"], name
 
 
 def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path):

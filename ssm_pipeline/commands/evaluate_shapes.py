@@ -83,7 +83,7 @@ def compare_methods(
     >>> right = CorrespondedShapes(sizes[:, None] * ball.vertices, ball.faces, ids, "a")
     >>> meshes = [Mesh(v, ball.faces, i) for v, i in zip(right.vertices, ids)]
     >>> slid = right.vertices.copy()
-    >>> slid[1] = slid[1] @ np.diag([-1.0, -1.0, 1.0])  # the same surface, half a turn further
+    >>> slid[1] = sizes[1] * ball.vertices[:, [1, 2, 0]]  # on the same surface, other vertices
     >>> wrong = CorrespondedShapes(slid, ball.faces, ids, "a")
     >>> quick = EvaluationSettings(points=200, samples=10, surface_samples=2, fit_surfaces=False)
     >>> scored = {n: evaluate(s, meshes, quick) for n, s in (("right", right), ("wrong", wrong))}
