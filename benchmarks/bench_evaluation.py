@@ -54,7 +54,7 @@ def cohort(count: int, vertex_count: int, seed: int) -> tuple[CorrespondedShapes
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=1000)
-    parser.add_argument("--naive-draws", type=int, default=10, help="draws a mode count, naive")
+    parser.add_argument("--naive-draws", type=int, default=10, help="draws per mode count, naive")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

@@ -1,4 +1,4 @@
-"""A folder of label images of any organ: one file a case, or one folder a case."""
+"""A folder of label images of any organ: one file per case, or one folder per case."""
 
 from __future__ import annotations
 

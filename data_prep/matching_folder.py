@@ -2,12 +2,12 @@
 
 Meshes lie in `<folder>/off/*.off` or in the folder itself; in corres/, or beside the meshes,
 
-    tr_reg_080.vts      one line a vertex of the set's template: the number, counted from 1, of the
-                        vertex of this shape that it corresponds to (FAUST_r, SCAPE_r, SMAL_r)
-    mouse/run1.vts      the same, with a template a category; cross_category_corres/cat_mouse.vts
-                        has a line a vertex of the template of cat: that of mouse's (DT4D-H)
-    3_12.map            a line a vertex of shape 3.off: the corresponding one of 12.off (SHREC'19)
-    kid07_ref.vts       a line a vertex of kid07.off: the corresponding one of the first shape,
+    tr_reg_080.vts      one line per vertex of the set's template: the number, from 1, of the vertex
+                        of this shape that it corresponds to (FAUST_r, SCAPE_r, SMAL_r)
+    mouse/run1.vts      the same, with a template per category; cross_category_corres/cat_mouse.vts
+                        has a line per vertex of the template of cat: that of mouse's (DT4D-H)
+    3_12.map            a line per vertex of shape 3.off: the corresponding one of 12.off (SHREC'19)
+    kid07_ref.vts       a line per vertex of kid07.off: the corresponding one of the first shape,
                         which has no such file (TOPKIDS)
 """
 
@@ -100,7 +100,7 @@ def _every_vertex(path: Path, other: np.ndarray, mesh: Mesh) -> np.ndarray:
     if len(other) != len(mesh.vertices):
         raise CaseError(
             mesh.case_id,
-            f"{path} has {len(other)} lines for {len(mesh.vertices)} vertices; one a vertex is "
+            f"{path} has {len(other)} lines for {len(mesh.vertices)} vertices; one per vertex is "
             "needed. Check that the file belongs to this mesh.",
         )
     return np.arange(len(other))

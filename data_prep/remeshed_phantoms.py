@@ -19,7 +19,7 @@ def remeshed_phantoms(truth: PhantomTruth, vertex_counts: Sequence[int]) -> Matc
     if len(vertex_counts) != len(truth.case_ids):
         raise StudyError(
             f"{len(vertex_counts)} vertex counts given for {len(truth.case_ids)} phantoms; "
-            "one a case is needed."
+            "one per case is needed."
         )
     meshes, correspondences = [], []
     for case_id, points, count in zip(truth.case_ids, truth.vertices, vertex_counts, strict=True):

@@ -1,4 +1,4 @@
-"""A folder of surfaces of any organ, one file a case: PLY, STL, OBJ, OFF, VTK, VTP."""
+"""A folder of surfaces of any organ, one file per case: PLY, STL, OBJ, OFF, VTK, VTP."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ Device = Annotated[
     str | None, typer.Option(help="cpu or cuda; cuda where there is one.", show_default=False)
 ]
 Jobs = Annotated[
-    int | None, typer.Option(min=1, help="Cases at a time; one a core.", show_default=False)
+    int | None, typer.Option(min=1, help="Cases at a time; one per core.", show_default=False)
 ]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]

@@ -97,7 +97,7 @@ def fit(
 @app.command()
 def compare(
     run_folder: RunFolder,
-    covariates: Annotated[Path, typer.Option("--covariates", help="A .tsv or .csv, a row a case.")],
+    covariates: Annotated[Path, typer.Option("--covariates", help=".tsv or .csv, a row per case.")],
     formula: Annotated[str, typer.Option("--formula", help='As "~ sex + age".')],
     folder: Annotated[
         Path | None,

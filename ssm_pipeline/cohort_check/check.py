@@ -19,7 +19,7 @@ ALIKE_PERCENT = 0.3  # of √area: no two organs lie that close, two meshes of o
 def check_cohort(
     meshes: Sequence[Mesh], seed: int = 0, left_out_percent: Mapping[str, float] | None = None
 ) -> pd.DataFrame:
-    """A row a case, as `judge` returns it: who does not look like the others, and why.
+    """A row per case, as `judge` returns it: who does not look like the others, and why.
 
     meshes  closed, mm, each with its case id; at least 2.
     seed    of the points that the surfaces are compared by.

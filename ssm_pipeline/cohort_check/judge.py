@@ -47,7 +47,7 @@ def is_handed(mirrored_ratios: np.ndarray) -> bool:
 def judge(table: pd.DataFrame, twins: Sequence[tuple[str, str, str]] = ()) -> pd.DataFrame:
     """The cohort check's table: numbers, robust z-scores, and remarks where a case is striking.
 
-    table    a row a case: case_id, the numbers of `fingerprint` and of `fit_to`, and
+    table    a row per case: case_id, the numbers of `fingerprint` and of `fit_to`, and
              left_out_percent: what of its mask or surface was left out as separate pieces.
     twins    (case, other case, "the same" or "the mirror image").
     Returns  case_id, volume_ml, area_cm2, size_z, compactness_z, spectrum_z, fit_percent, fit_z,

@@ -1,4 +1,4 @@
-"""`workflow benchmark matching`: train on some shapes, test on others, a row a method."""
+"""`workflow benchmark matching`: train on some shapes, test on others, a row per method."""
 
 from __future__ import annotations
 

@@ -34,12 +34,12 @@ def run_phantom_benchmark(
     seeds: Sequence[int] = DEVELOPMENT,
     poses: Sequence[str] = tuple(POSES),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row a pose and method over all cohorts, and a row a cohort and true mode.
+    """A row per pose and method over all cohorts, and a row per cohort and true mode.
 
     seeds  of the cohorts, one each; the study's own seed, of the method, stays as it is.
 
-    In the runs folder: phantom-benchmark.csv, a row a cohort and method: family, pose, cohort (its
-    seed), affine_percent (of the cohort's variance), method, geodesic_x100 (mean over all
+    In the runs folder: phantom-benchmark.csv, a row per cohort and method: family, pose, cohort
+    (its seed), affine_percent (of the cohort's variance), method, geodesic_x100 (mean over all
     template → case pairs, √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and
     specificity_mm (Chamfer, all modes), variance_kept_percent, and, of phantoms with labels,
     labels_disagree_percent and labels_border_mm. phantom-benchmark-mean.csv, the first table

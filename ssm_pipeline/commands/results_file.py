@@ -1,4 +1,4 @@
-"""The figures of the results page, as files: a folder a part, and `results.json` beside them.
+"""The figures of the results page, as files: a folder per part, and `results.json` beside them.
 
     <folder>/results.json         format, and of each part: study, changes, seed, commit, machine,
                                   packages, minutes, finished_at, tables

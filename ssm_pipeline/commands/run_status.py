@@ -50,7 +50,7 @@ class Work:
 
 
 def status_lines(run_folder: Path) -> list[str]:
-    """A line a stage, what runs now, and how long the whole run will still take.
+    """A line per stage, what runs now, and how long the whole run will still take.
 
     Raises StudyError without a run.
     """

@@ -69,7 +69,7 @@ def stages_that_ended(runs: Path) -> list[Took]:
 
 
 def stages_that_ended_in(events: Iterable[Event]) -> list[Took]:
-    """One a stage and time that it ended: its cases are those that were worked on since the last.
+    """One per stage and time that it ended: its cases are those that were worked on since the last.
 
     What a killed run spent on a stage counts until its last event.
     """

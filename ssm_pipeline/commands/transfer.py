@@ -15,7 +15,7 @@ from ssm_pipeline.report.landmarks import carry_landmarks
 from ssm_pipeline.stages.landmark_file import landmarks_on_template
 from ssm_pipeline.stages.run import load_run
 
-FITTED_FILE = "reconstruction.vtp"  # of `workflow fit`, a folder a patient
+FITTED_FILE = "reconstruction.vtp"  # of `workflow fit`, a folder per patient
 
 
 def transfer(

@@ -140,7 +140,7 @@ def _in_processes(tasks: Sequence[CaseTask], stage_folder: Path, jobs: int) -> I
     import joblib
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    # One thread a process: a case a core beats many cores a case, and sums keep their order.
+    # One thread per process: a case per core beats many cores per case, and sums keep their order.
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
         try:

@@ -65,7 +65,7 @@ def available_cores() -> int:
 
 
 def default_jobs() -> int:
-    """A process a core, and no more than the free memory carries."""
+    """A process per core, and no more than the free memory carries."""
     free_gb = psutil.virtual_memory().available / 2**30
     return max(1, min(available_cores(), int(free_gb / MEMORY_PER_JOB_GB)))
 

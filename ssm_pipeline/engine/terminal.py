@@ -1,4 +1,4 @@
-"""What a run says: a line a stage, progress on long work, dropped cases, where to look."""
+"""What a run says: a line per stage, progress on long work, dropped cases, where to look."""
 
 from __future__ import annotations
 

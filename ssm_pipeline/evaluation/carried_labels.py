@@ -101,7 +101,7 @@ def border_length(vertices: np.ndarray, faces: np.ndarray, shares: np.ndarray) -
 def label_means(
     pairs: Mapping[str, pd.DataFrame], baseline: str, draws: int, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """A row a method: means over all ordered pairs, with 95 % intervals over the cases.
+    """A row per method: means over all ordered pairs, with 95 % intervals over the cases.
 
     pairs     method → `carried_labels`, of the same cases.
     Returns   method, cases, disagree_percent with _low and _high before the unit, border_mm
@@ -112,7 +112,7 @@ def label_means(
 
 
 def label_cases(pairs: pd.DataFrame) -> pd.DataFrame:
-    """A row a case: means over all other cases' labels laid on it."""
+    """A row per case: means over all other cases' labels laid on it."""
     numbers = ["disagree_percent", "border_mm"]
     return pairs.groupby("case_id", sort=False)[numbers].mean().reset_index()
 

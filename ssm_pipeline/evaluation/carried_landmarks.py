@@ -43,7 +43,7 @@ def carried_landmarks(
 
 
 def landmark_cases(pairs: pd.DataFrame) -> pd.DataFrame:
-    """A row a case and landmark: mean over all other cases' landmarks carried to it."""
+    """A row per case and landmark: mean over all other cases' landmarks carried to it."""
     keys = ["case_id", "landmark"]
     return pairs.groupby(keys, sort=False)["error_mm"].mean().reset_index()
 
@@ -51,7 +51,7 @@ def landmark_cases(pairs: pd.DataFrame) -> pd.DataFrame:
 def landmark_means(
     pairs: Mapping[str, pd.DataFrame], baseline: str, draws: int, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """A row a method: error_mm over all pairs and landmarks, error_difference_mm to the baseline.
+    """A row per method: error_mm over all pairs and landmarks, error_difference_mm to the baseline.
 
     Each with _low and _high before the unit: 95 % intervals over the cases.
     """

@@ -18,7 +18,7 @@ LIMIT = 1.0  # above 2: the range of the curve
 
 
 def interpolation_quality(path: ShapePath) -> pd.DataFrame:
-    """A row a stored time: what X(t, t) does to the template, and what the straight line does.
+    """A row per stored time: what X(t, t) does to the template, and what the straight line does.
 
     X(t, t) begins as the template and ends as the case's corresponding points X(1, 1), and so does
     the straight line (1 − t) X(0, 0) + t X(1, 1). Columns, and each again with `straight_`:

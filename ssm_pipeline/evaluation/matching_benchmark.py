@@ -27,7 +27,8 @@ class MatchingBenchmark:
     """summary  one row, comparable to a column of the papers' tables: benchmark, method, shapes,
              pairs, mean_geodesic_error_x100 (over √area), standard_error_x100 (over the pairs),
              pck_at_5_x100 (0 … 1: share of points with an error of at most 5), auc (0 … 1).
-    pairs    a row a pair: method, x, y, mean_geodesic_error_x100, median_geodesic_error_x100, auc.
+    pairs    a row per pair: method, x, y, mean_geodesic_error_x100, median_geodesic_error_x100,
+             auc.
     curve    method, threshold (over √area), share (0 … 1) of correct points, mean over the
              pairs."""
 

@@ -102,7 +102,7 @@ def held_out_folds(
         parts = [np.sort(np.concatenate([groups[group] for group in part])) for part in order]
     else:
         raise StudyError(
-            f"folds is {folds} for {len(groups)} {what}; 0 (one a time) or 2 … {len(groups)}."
+            f"folds is {folds} for {len(groups)} {what}; 0 (one at a time) or 2 … {len(groups)}."
         )
     remaining = count - max(map(len, parts))
     if remaining < 3:

@@ -55,7 +55,7 @@ def means_over_pairs(
     draws: int,
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """A row a method: means of columns over all ordered pairs, with 95 % intervals over the cases.
+    """A row per method: means of columns over all ordered pairs, with 95 % intervals over cases.
 
     pairs    method → table of from_case_id, case_id and the columns, all of the same cases.
     columns  name ending in its unit → name of its difference to the baseline's, pair by pair;

@@ -13,7 +13,7 @@ from ssm_pipeline.settings import Settings
 class EvaluationSettings(Settings):
     """How much is sampled. All methods of one comparison are scored with the same settings."""
 
-    points: int = Field(4000, ge=50)  # surface samples a shape, for the Chamfer distance
+    points: int = Field(4000, ge=50)  # surface samples per shape, for the Chamfer distance
     samples: int = Field(1000, ge=2)  # shapes drawn from the model, for specificity (Chamfer)
     surface_samples: int = Field(100, ge=2)  # of these, scored vertex to triangle as well
     surface_points: int = Field(1000, ge=20)  # vertices asked a shape, there
@@ -23,7 +23,7 @@ class EvaluationSettings(Settings):
     screening_points: int = Field(128, ge=20)  # samples that pick the nearest training mesh
     screening_errors: float = Field(2.0, ge=0)  # standard errors a mesh must be worse by to be out
     mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
-    folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0 leaves one case out a time
+    folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0: one case at a time
     # Draws of each model built without one case, for the interval of specificity; 0: no interval.
     # It is most of an evaluation's time where asked for: 24 are enough.
     jackknife_samples: int = Field(0, ge=0)

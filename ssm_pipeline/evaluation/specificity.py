@@ -61,7 +61,7 @@ def specificity(
         joblib.delayed(_row)(model.truncate(M), scores[:, :M], points, samples, meshes, settings)
         for M in modes
     ]
-    # Many small queries: a process a core, a thread a process. Threads that share a query wait
+    # Many small queries: a process per core, a thread per process. Threads that share a query wait
     # for each other.
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
         rows, draws = zip(*joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks), strict=True)

@@ -17,12 +17,12 @@ GENERALISATION = ("generalisation", "generalisation_mean")
 _PER_METHOD = ("specificity_draws", "specificity_jackknife")
 
 
-def together(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
+def joined(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
     """The tables of all methods, one below the other, and of some the means over the cases.
 
     Generalisation says whether the matching knew the held-out case: its networks were trained on
     it too, or it is in the mean shape of the groupwise rounds.
-    fit, truth_mean  a row a method: means of the tables correspondence and truth.
+    fit, truth_mean  a row per method: means of the tables correspondence and truth.
     """
     tables = {
         name: pd.concat(

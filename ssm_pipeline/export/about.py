@@ -14,7 +14,7 @@ FILES = {
     "scores.csv": "every case's scores in standard deviations; any spreadsheet, R",
     "modes.csv": "every mode's variance in mm², its share, and the share of all up to it",
     "measurements.csv": "volume, area and extents of every case, the mean, and each mode at ±2 SD",
-    "model.glb": "the mean, a morph target a mode; Blender (File, Import), any glTF viewer",
+    "model.glb": "the mean, a morph target per mode; Blender (File, Import), any glTF viewer",
     "model.vtp": "the mean with a vector a mode; ParaView (Warp By Vector), 3D Slicer",
     "model.h5": "Statismo's format 0.9; Scalismo (`StatismoIO.readStatismoPDM`), `workflow import`",
     "meshes": "mean, template and each mode at ±2 SD as PLY; 3D Slicer, MeshLab, ParaView",

@@ -68,7 +68,7 @@ def read_vertex_labels(path: Path, vertex_count: int) -> np.ndarray:
         )
     if len(np.unique(vertices)) < len(vertices):
         doubled = table["vertex"][table["vertex"].duplicated()].iloc[0]
-        raise StudyError(f"{path} gives vertex {doubled} two labels; one a vertex is needed.")
+        raise StudyError(f"{path} gives vertex {doubled} two labels; one per vertex is needed.")
     labels = np.full(vertex_count, "", dtype=object)
     labels[vertices] = table["label"].to_numpy()
     return labels

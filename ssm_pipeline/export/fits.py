@@ -14,7 +14,7 @@ from ssm_pipeline.fitting.patient import FitReport
 
 
 def summary(fits: Sequence[FitReport]) -> pd.DataFrame:
-    """A row a patient: how well it is fitted, how odd it is, and why it is flagged."""
+    """A row per patient: how well it is fitted, how odd it is, and why it is flagged."""
     rows = []
     for fit in fits:
         judged = fit.typicality
@@ -44,7 +44,7 @@ def summary(fits: Sequence[FitReport]) -> pd.DataFrame:
 
 
 def scores_table(fits: Sequence[FitReport]) -> pd.DataFrame:
-    """A row a patient and mode: the score in standard deviations and its 95 % interval."""
+    """A row per patient and mode: the score in standard deviations and its 95 % interval."""
     return pd.concat(
         [
             pd.DataFrame(
@@ -92,7 +92,7 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
 
 
 def write_fits(fits: Sequence[FitReport], folder: Path) -> list[Path]:
-    """fits.csv, scores.csv, and the files of `write_fit` in a folder a patient. Returns them."""
+    """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient. Returns them."""
     written = []
     for name, table in (("fits", summary(fits)), ("scores", scores_table(fits))):
         written.append(folder / f"{name}.csv")

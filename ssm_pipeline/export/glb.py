@@ -1,4 +1,4 @@
-"""glTF binary (.glb): the mean shape with one morph target a mode, for web viewers and Blender."""
+"""glTF binary (.glb): the mean with one morph target per mode, for web viewers and Blender."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from ssm_pipeline.shape_model.model import ShapeModel
 def measurements(
     model: ShapeModel, case_ids: Sequence[str], meshes: Sequence[Mesh]
 ) -> pd.DataFrame:
-    """A row a case, by its own surface as scanned; then the mean, and each mode at ±2 SD.
+    """A row per case, by its own surface as scanned; then the mean, and each mode at ±2 SD.
 
     Columns: shape, volume_ml, area_cm2, and the extents along the scanner's axes:
     left_right_mm, front_back_mm, up_down_mm. Of the model's shapes those lie as the model does.

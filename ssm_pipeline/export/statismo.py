@@ -37,7 +37,7 @@ def write_statismo(model: ShapeModel, path: Path, build_time: str) -> None:
 
         info = file.create_group("modelinfo")
         info["build-time"] = np.bytes_(build_time)
-        info["scores"] = model.scores.T.astype(np.float32)  # a column a case, in SD
+        info["scores"] = model.scores.T.astype(np.float32)  # a column per case, in SD
         builder = info.create_group("modelBuilder-0")
         builder["builderName"] = np.bytes_("ssm-pipeline")
         builder["buildTime"] = np.bytes_(build_time)

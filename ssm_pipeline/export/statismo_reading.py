@@ -48,7 +48,7 @@ def _model_in(file: h5py.File, path: Path) -> ShapeModel:
     if basis.shape != (3 * count, len(variances)):
         raise StudyError(
             f"{path}: the basis has shape {basis.shape} for {3 * count} coordinates and "
-            f"{len(variances)} variances; a row a coordinate and a column a variance are needed."
+            f"{len(variances)} variances; a row per coordinate, a column per variance is needed."
         )
     if faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= count:
         raise StudyError(f"{path}: the reference's cells are no triangles of its {count} points.")

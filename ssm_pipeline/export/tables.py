@@ -12,7 +12,7 @@ from ssm_pipeline.shape_model.model import ShapeModel
 
 
 def write_tables(model: ShapeModel, folder: Path) -> list[Path]:
-    """scores.csv: a row a case, its scores in standard deviations. modes.csv: a row a mode, its
+    """scores.csv: a row per case, its scores in standard deviations. modes.csv: a row per mode, its
     variance in mm², its share of the total variance, and the share of all modes up to it.
 
     Returns the paths written.

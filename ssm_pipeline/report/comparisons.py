@@ -34,7 +34,7 @@ def comparison_tables(
     comparisons: Sequence[ShapeComparison], names: Mapping[str, str]
 ) -> list[ComparisonTables]:
     titles = {
-        "tests": "Tests of the whole shape, a row a term of the formula",
+        "tests": "Tests of the whole shape, a row per term of the formula",
         "modes": "Mode by mode, each effect in standard deviations",
         "power": "Power: what this number of cases can show",
     }

@@ -34,14 +34,14 @@ class ReportContent:
     correspondence  case_id, surface_mm, hd95_mm, flipped_percent: the template carried onto the
                     case, before any PCA. More columns are shown as they are.
     metrics         tables by name: compactness (modes, share), generalisation (modes, case_id,
-                    chamfer_mm, … a row a held-out case), specificity (modes, chamfer_mm,
-                    chamfer_se_mm, …), comparison (a row a method). `method` separates curves.
+                    chamfer_mm, … a row per held-out case), specificity (modes, chamfer_mm,
+                    chamfer_se_mm, …), comparison (a row per method). `method` separates curves.
                     Missing tables are left out of the page, and said to be.
     cohort          case_id and quality control columns, units in the names; `dropped` holds the
                     reason for cases left out (empty otherwise), `warnings` any remarks.
-    stages          one mapping a stage: name, seconds, peak_memory_mb, cases_in, cases_out.
-    training        a row a step: step, total, one column a loss, and what was watched of the map
-                    (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
+    stages          one mapping per stage: name, seconds, peak_memory_mb, cases_in, cases_out.
+    training        a row per step: step, total, one column per loss, and what was watched of the
+                    map (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
     check           case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures
                     case id → PNG. None, empty: not shown.
     settings, versions   nested mappings of plain values, shown as they are.

@@ -17,9 +17,9 @@ DEFAULT_METHOD = "ours"
 
 
 def curve(table: pd.DataFrame, value: str) -> pd.DataFrame:
-    """One row a method and number of modes: method, modes, value, se (same unit; NaN unknown).
+    """One row per method and number of modes: method, modes, value, se (same unit; NaN unknown).
 
-    A table with a row a case is averaged over cases, its standard error being that of the mean;
+    A table with a row per case is averaged over cases, its standard error being that of the mean;
     a table that is averaged already keeps its own `…_se_…` column.
     """
     table = table.copy()

@@ -111,7 +111,7 @@ def curves(
     settings: FigureSettings = _PLAIN,
     distance: str | None = None,
 ) -> Figure:
-    """Compactness, generalisation, specificity over the number of modes, a line a method.
+    """Compactness, generalisation, specificity over the number of modes, a line per method.
 
     distance  a column of the tables; by default the first of `DISTANCES` that they hold.
     Bands are ± one standard error of the mean. Raises ValueError if no table is there.

@@ -29,7 +29,7 @@ _TITLES = {
     "landmarks_mean": "Landmarks carried from case to case",
     "interpolation": "Conformal distortion along the interpolations",
 }
-# Drawn or told elsewhere, or a row a case of what a table of means holds.
+# Drawn or told elsewhere, or a row per case of what a table of means holds.
 _PLACED = {
     "comparison_95",
     "compactness",
@@ -95,7 +95,7 @@ def _stages(content: ReportContent) -> ReadableTable | None:
 
 
 def _by_modes(content: ReportContent, name: str) -> pd.DataFrame:
-    """A row a method and number of modes, every distance with its standard error."""
+    """A row per method and number of modes, every distance with its standard error."""
     merged: pd.DataFrame | None = None
     for distance in distances_in(content.metrics):
         table = quality_curves(content.metrics, distance).get(name)

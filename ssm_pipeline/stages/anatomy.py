@@ -38,7 +38,7 @@ class Anatomy:
         points: int,
         seed: int,
     ) -> dict[str, pd.DataFrame]:
-        """Labels and landmarks carried by a method's shapes: a row a pair, and a row a case."""
+        """Labels and landmarks carried by a method's shapes: a row per pair, and a row per case."""
         from ssm_pipeline.evaluation.carried_labels import carried_labels, label_cases
         from ssm_pipeline.evaluation.carried_landmarks import carried_landmarks, landmark_cases
 
@@ -76,7 +76,7 @@ def anatomy_of(context: Context, meshes: Sequence[Mesh]) -> Anatomy:
 def means_of_methods(
     scores: Mapping[str, Metrics], draws: int, seed: int
 ) -> dict[str, pd.DataFrame]:
-    """labels_mean and landmarks_mean, where known: a row a method, against `full`."""
+    """labels_mean and landmarks_mean, where known: a row per method, against `full`."""
     from ssm_pipeline.evaluation.carried_labels import label_means
     from ssm_pipeline.evaluation.carried_landmarks import landmark_means
 

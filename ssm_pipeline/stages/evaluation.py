@@ -35,7 +35,7 @@ def evaluate_methods(context: Context) -> Outcome:
     from ssm_pipeline.evaluation.phantom_truth import recovered_modes, true_correspondence
     from ssm_pipeline.evaluation.tables import (
         comparisons,
-        together,
+        joined,
         with_unseen,
         with_variance_kept,
     )
@@ -67,7 +67,7 @@ def evaluate_methods(context: Context) -> Outcome:
         if "label_pairs" in metrics.tables
     }
     scores = without_pairs(scores)
-    tables = together(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
+    tables = joined(scores) | comparisons(scores, draws, settings.seed, with_paper=is_luna16)
     tables |= anatomical
     if truth is not None:
         tables = with_variance_kept(tables)

@@ -110,7 +110,7 @@ def report_content(run: Run) -> ReportContent:
 
 
 def _losses(run: Run) -> pd.DataFrame | None:
-    """A row a step of the training; None for a study without a network."""
+    """A row per step of the training; None for a study without a network."""
     path = run.folder / "training" / "losses.csv"
     return pd.read_csv(path) if path.exists() else None
 

@@ -46,7 +46,7 @@ class TrainingJob:
 def train_resumably(
     bases: Sequence[SpectralBasis], job: TrainingJob
 ) -> tuple[Matcher, list[dict[str, float]]]:
-    """The trained matcher and its losses, a row a step.
+    """The trained matcher and its losses, a row per step.
 
     Other jobs' checkpoints in the folder are removed. The caller saves the matcher and then
     removes `job.checkpoint`.

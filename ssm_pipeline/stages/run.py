@@ -126,12 +126,12 @@ class Run:
 
     @property
     def mesh_quality(self) -> pd.DataFrame:
-        """A row a case: triangles, Euler number, volume and its change, warnings."""
+        """A row per case: triangles, Euler number, volume and its change, warnings."""
         return _with_text(self._file("meshing", "quality.csv"), "warnings")
 
     @property
     def cohort_check(self) -> pd.DataFrame:
-        """A row a case: how far it is from the others; `remarks` says what is striking of it."""
+        """A row per case: how far it is from the others; `remarks` says what is striking of it."""
         return _with_text(self._file("cohort_check", "cohort_check.csv"), "remarks")
 
     @property

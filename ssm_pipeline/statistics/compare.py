@@ -41,9 +41,9 @@ class VertexMap:
 
 @dataclass(frozen=True, eq=False)
 class ShapeComparison:
-    """tests: a row a term, on the leading modes in standard deviations (Hotelling) and on all in
-    millimetres (Procrustes); modes: a row a column and mode; power: a row a column; maps: one a
-    column. mode_count: how many leading modes the tests of whole shapes are on."""
+    """tests: a row per term, on the leading modes in standard deviations (Hotelling) and on all in
+    millimetres (Procrustes); modes: a row per column and mode; power: a row per column; maps: one
+    per column. mode_count: how many leading modes the tests of whole shapes are on."""
 
     design: Design
     mode_count: int

@@ -28,7 +28,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """matrix (N, P), the first column all ones; columns: the others; covariates: a row a case,
+    """matrix (N, P), the first column all ones; columns: the others; covariates: a row per case,
     case_id first, as the formula uses them."""
 
     formula: str
@@ -74,7 +74,7 @@ def matched_to_cases(table: pd.DataFrame, case_ids: Sequence[str]) -> pd.DataFra
         raise StudyError(
             f"the table of covariates does not fit the model's {len(case_ids)} cases. "
             + "; ".join(problems)
-            + ". One row a case is needed; correct the ids, or leave rows out."
+            + ". One row per case is needed; correct the ids, or leave rows out."
         )
     rows = table.assign(case_id=ids).set_index("case_id").loc[list(case_ids)].reset_index()
     return rows[["case_id", *[n for n in rows.columns if n not in ("case_id", *ID_COLUMNS)]]]

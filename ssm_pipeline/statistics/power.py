@@ -48,8 +48,8 @@ def detectable_sd(matrix: np.ndarray, place: int, modes: int) -> float:
 def power_table(
     matrix: np.ndarray, places: dict[str, tuple[int, float]], modes: int
 ) -> pd.DataFrame:
-    """A row a column: power for effects of several sizes, and the smallest that is found four times
-    in five. places: name → (place, step): effects are those of one step."""
+    """A row per column: power for effects of several sizes, and the smallest that is found four
+    times in five. places: name → (place, step): effects are those of one step."""
     rows = []
     for name, (place, step) in places.items():
         scaled = matrix.copy()

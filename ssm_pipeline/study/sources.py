@@ -1,4 +1,4 @@
-"""Where a study's cases come from: one class a source, and, at the end, the list of them.
+"""Where a study's cases come from: one class per source, and, at the end, the list of them.
 
 A new source is a module in `data_prep` that finds its cases, a class here, and a line in the list.
 """

@@ -32,7 +32,7 @@ def train(
     on_checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
     on_step: Callable[[int, dict[str, float]], None] = lambda step, losses: None,
 ) -> Matcher:
-    """Train on all unordered pairs, one a step, in an order that the seed and step decide.
+    """Train on all unordered pairs, one per step, in an order that the seed and step decide.
 
     start     continues from it, to the same bits as a run that was never stopped.
     families  of each shape: pairs are of one family. None: all are of one.

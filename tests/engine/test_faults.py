@@ -33,7 +33,7 @@ def test_every_fault_at_every_write_is_survived(tmp_path: Path, fault: str):
     undisturbed = bench_in(tmp_path / "undisturbed")
     writes = writes_of(undisturbed.run)
     whole = results_in(undisturbed.folder / "runs" / "toy")
-    assert writes == 15  # owner, settings, three stages, a table, the sum, two files a case
+    assert writes == 15  # owner, settings, three stages, a table, the sum, two files per case
     for number in range(1, writes + 1):
         bench = bench_in(tmp_path / str(number))
         assert run_with_fault(bench.run, fault, number)

@@ -34,7 +34,7 @@ def execute(name: str, folder: Path) -> nbformat.NotebookNode:
 
 
 def outputs(notebook: nbformat.NotebookNode) -> list[list[str]]:
-    """A row a code cell: the kinds of what it shows."""
+    """A row per code cell: the kinds of what it shows."""
     return [
         sorted(kind for out in cell.outputs for kind in out.get("data", {out.get("name"): 0}))
         for cell in notebook.cells

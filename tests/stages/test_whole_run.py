@@ -63,7 +63,7 @@ def test_metrics_hold_every_method(tiny_run: Path):
 
 
 def test_interpolations_are_measured(tiny_run: Path):
-    """A row a stored time of each path, with the straight line between the same ends beside it."""
+    """A row per stored time of each path, beside it the straight line between the same ends."""
     run = ssm_pipeline.load_run(tiny_run)
     table = run.metrics.tables["interpolation"]
     (case_id,) = run.path_cases
