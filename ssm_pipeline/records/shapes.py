@@ -15,7 +15,15 @@ from ssm_pipeline.records.errors import CaseError
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh: vertices (V, 3) float64 mm LPS, faces (F, 3) int64, outward oriented."""
+    """A triangle mesh: vertices (V, 3) float64 mm LPS, faces (F, 3) int64, outward oriented.
+
+    Read-only. Raises CaseError for arrays of other shapes, numbers that are not finite, and faces
+    that name missing vertices.
+
+    >>> mesh = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "liver_7")
+    >>> mesh.vertices.dtype, len(mesh.faces)
+    (dtype('float64'), 1)
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -81,6 +89,12 @@ class Correspondence:
     nearest to the adapted template vertex. `fitted` (V_t, 3) mm: the adapted template X(1, 1)
     in the case's own space, before it is carried onto the surface. `start`: where the
     adaptation began: rigid, turned (rigidly, by the map), network, mean or as scanned.
+
+    >>> case = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "b")
+    >>> middle = Correspondence("a", "b", np.array([0]), np.array([[0.5, 0.5, 0.0]]), np.array([0]),
+    ...                         np.array([[15.0, 0.0, 1.0]]))
+    >>> middle.points_on(case)
+    array([[15.,  0.,  0.]])
     """
 
     template_id: str

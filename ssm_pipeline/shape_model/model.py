@@ -29,6 +29,15 @@ class ShapeModel:
 
     Immutable: the arrays are copies that can't be written to. The words are scalismo's, but that
     coefficients are called scores where a cohort is meant.
+
+    >>> model = ShapeModel(
+    ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3), variances=np.array([9, 4]),
+    ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((0, 2)), case_ids=(),
+    ... )
+    >>> model.reconstruct([1.0])[0]  # one standard deviation along the first mode, in mm
+    array([3., 0., 0.])
+    >>> model.coefficients(model.reconstruct([1.0, -2.0]))
+    array([ 1., -2.])
     """
 
     mean: np.ndarray
