@@ -22,7 +22,7 @@ from ssm_pipeline.geometry.geodesics import geodesic_matrix
 from ssm_pipeline.geometry.surface import face_normals, sample_points
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 def even_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     shapes, meshes = cohort(22, 4000, arguments.seed)
-    model = build(shapes)
+    model = pca_model(shapes)
     settings = EvaluationSettings(samples=arguments.draws)
 
     start = time.perf_counter()

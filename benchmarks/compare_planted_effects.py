@@ -21,7 +21,7 @@ from scipy.stats import binom
 from data_prep.smooth_lung import mean_lung, mode_fields
 from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 from ssm_pipeline.statistics.compare import modes_carried
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 from ssm_pipeline.statistics.permutation import mode_tests, multivariate_test, procrustes_test
@@ -98,7 +98,7 @@ def p_values(
         scores[:, MOVED_BY_AGE] += age
         table, formula = table.assign(age=age), "~ group + age"
     shapes = lungs.cohort(scores, generator)
-    model = build(align(shapes)[0])
+    model = pca_model(align(shapes)[0])
     design = design_of(formula, matched_to_cases(table, shapes.case_ids))
     matrix, tested = design.matrix, design.places("group")
     modes = modes_carried(model, matrix)

@@ -13,7 +13,7 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class AlignedCohort:
         """The model of the other cases, aligned anew, and for each held-out case (its place) its
         frame onto that model."""
         kept = np.setdiff1d(np.arange(len(self.shapes.case_ids)), held_out)
-        model = build(align(self.shapes.subset(kept), with_scale=self.with_scale)[0])
+        model = pca_model(align(self.shapes.subset(kept), with_scale=self.with_scale)[0])
         frames = [
             best_similarity(self.shapes.vertices[case], model.mean, with_scale=self.with_scale)
             for case in held_out

@@ -21,7 +21,7 @@ from ssm_pipeline.evaluation.specificity import specificity
 from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
 from ssm_pipeline.evaluation.surface_fits import fits_to_held_out
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def evaluate_method(
     """
     settings, seed, jobs, patients = scoring.settings, scoring.seed, scoring.jobs, scoring.patients
     cohort, frames = align_cohort(corresponded, meshes, scoring.with_scale)
-    model = build(cohort.shapes)
+    model = pca_model(cohort.shapes)
     groups = [patients[i] for i in corresponded.case_ids] if patients is not None else None
     folds = held_out_folds(len(frames), settings.folds, seed, groups)
     # A stream each, so that one table doesn't change when another asks for more draws.

@@ -24,7 +24,7 @@ from ssm_pipeline.evaluation.specificity import (
     nearest_surface,
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surface distance
 
@@ -84,7 +84,7 @@ def _without_each(
     for case in cases:
         kept = [other for other in range(len(targets)) if other != case]
         others, left = [targets[other] for other in kept], [surfaces[other] for other in kept]
-        model = build(cohort.shapes.subset(kept))
+        model = pca_model(cohort.shapes.subset(kept))
         scores = drawn_scores(model, draws.weights[:, kept])[:, : draws.modes]
         shapes = model.reconstruct(scores)
         ranked = (

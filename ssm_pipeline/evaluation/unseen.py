@@ -17,7 +17,7 @@ from ssm_pipeline.evaluation.specificity import (
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
 from ssm_pipeline.records import Mesh
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 _CANDIDATES = 3
 
@@ -39,7 +39,7 @@ def unseen_specificity(
     that compare with each other, and not the table `specificity`.
     """
     kept = np.setdiff1d(np.arange(len(cohort.meshes)), held_out)
-    model = build(cohort.shapes.subset(kept))
+    model = pca_model(cohort.shapes.subset(kept))
     modes = min(modes, model.mode_count)
     weights = generator.standard_normal((settings.surface_samples, len(kept)))
     shapes = model.reconstruct(drawn_scores(model, weights)[:, :modes])

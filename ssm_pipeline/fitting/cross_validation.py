@@ -20,7 +20,7 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 FEWEST_CASES = 6  # so that five remain for each model, and a spread of six can be told
 
@@ -137,7 +137,7 @@ def model_without(
 ) -> tuple[ShapeModel, Similarity]:
     """The model of all cases but one, and the frame from it to that case's own millimetres."""
     kept = np.delete(np.arange(len(shapes.case_ids)), left_out)
-    model = build(align(shapes.subset(kept), with_scale)[0])
+    model = pca_model(align(shapes.subset(kept), with_scale)[0])
     return model, best_similarity(model.mean, shapes.vertices[left_out], with_scale=with_scale)
 
 

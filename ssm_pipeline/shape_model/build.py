@@ -5,7 +5,7 @@ from __future__ import annotations
 from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 def build_model(shapes: CorrespondedShapes, with_scale: bool = False) -> ShapeModel:
@@ -26,4 +26,4 @@ def build_model(shapes: CorrespondedShapes, with_scale: bool = False) -> ShapeMo
     >>> model.modes_for(0.999)  # they differ in size alone, wherever they lie
     1
     """
-    return build(align(shapes, with_scale=with_scale)[0])
+    return pca_model(align(shapes, with_scale=with_scale)[0])

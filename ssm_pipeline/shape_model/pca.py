@@ -8,7 +8,7 @@ from ssm_pipeline.records import CorrespondedShapes, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel
 
 
-def build(shapes: CorrespondedShapes) -> ShapeModel:
+def pca_model(shapes: CorrespondedShapes) -> ShapeModel:
     """The point distribution model of aligned shapes: all modes kept, at most N − 1.
 
     By the singular values of the centred N × 3V data, so nothing of size 3V × 3V is ever formed.

@@ -40,7 +40,7 @@ def evaluate_methods(context: Context) -> Outcome:
         with_variance_kept,
     )
     from ssm_pipeline.shape_model.alignment import align
-    from ssm_pipeline.shape_model.pca import build
+    from ssm_pipeline.shape_model.pca import pca_model
 
     run, settings = Run(context.run_folder), context.settings
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
@@ -78,7 +78,7 @@ def evaluate_methods(context: Context) -> Outcome:
         unseen = unseen_tables(context, settings, meshes, anatomy, label_pairs)
         tables = with_unseen(tables, unseen, draws, settings.seed)
     if truth is not None and not settings.shape_model.with_scale:
-        floor = build(align(true_shapes)[0])
+        floor = pca_model(align(true_shapes)[0])
         tables["recovered_modes"] = recovered_modes(run.model, floor, template, truth)
     tables |= interpolation_tables([run.path(case_id) for case_id in run.path_cases])
     for path in context.folder().glob("*.csv"):

@@ -11,11 +11,11 @@ from ssm_pipeline.stages.run import Frames, Run
 def build_model(context: Context) -> Outcome:
     """aligned.npz with frames.npz, and model.npz."""
     from ssm_pipeline.shape_model.alignment import align
-    from ssm_pipeline.shape_model.pca import build
+    from ssm_pipeline.shape_model.pca import pca_model
 
     shapes, case_ids = Run(context.run_folder).shapes, tuple(context.case_keys)
     aligned, frames = align(shapes, with_scale=context.settings.shape_model.with_scale)
-    model = build(aligned)
+    model = pca_model(aligned)
     folder = context.folder()
     storage.save(aligned, folder / "aligned.npz")
     storage.save(Frames(case_ids, frames), folder / "frames.npz")

@@ -30,7 +30,7 @@ from ssm_pipeline.geometry.surface import area, volume
 from ssm_pipeline.records import CorrespondedShapes, Mask
 from ssm_pipeline.report.landmarks import landmarks_from_markups
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 IDS = tuple(f"patient-{index:02d}-Miller" for index in range(12))
 
@@ -52,7 +52,7 @@ def cohort() -> CorrespondedShapes:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clinic")
-    build(align(cohort())[0]).save(folder / "organ.npz")
+    pca_model(align(cohort())[0]).save(folder / "organ.npz")
     return import_model(folder / "organ.npz", None, folder / "runs", (3,))
 
 
@@ -71,7 +71,7 @@ def in_an_image(run: Path, path: Path, slices: int | None = None) -> None:
 
 def test_an_imported_model_is_the_same_model_and_its_report_opens(run: Path):
     imported, shapes = load_run(run), cohort()
-    model = build(align(shapes)[0])
+    model = pca_model(align(shapes)[0])
     np.testing.assert_allclose(imported.model.mean, model.mean)
     np.testing.assert_allclose(imported.shapes.vertices, model.reconstruct(model.scores))
     assert imported.cases == IDS

@@ -16,7 +16,7 @@ from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
@@ -149,7 +149,7 @@ def test_mean_over_cases():
 
 def test_compactness_reaches_one():
     corresponded, _ = wavy_cohort(6)
-    table = compactness(build(align(corresponded)[0]))
+    table = compactness(pca_model(align(corresponded)[0]))
     assert table["share"].is_monotonic_increasing
     assert table["share"].iloc[-1] == pytest.approx(1)
 

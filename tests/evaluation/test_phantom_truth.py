@@ -13,7 +13,7 @@ from ssm_pipeline.evaluation.phantom_truth import (
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, PhantomTruth, StudyError
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -146,11 +146,11 @@ def test_the_floor_and_the_model_are_told_apart():
     # The model has the true modes, the floor is given others: only the floor's angles are wide.
     truth = phantom((2.0,))
     template = template_of(truth)
-    model = build(align(written_out(truth))[0])
+    model = pca_model(align(written_out(truth))[0])
     generator = np.random.default_rng(0)
     shapes = written_out(truth)
     shaken = shapes.vertices[:1] + generator.normal(size=shapes.vertices.shape)
-    other = build(align(dataclasses.replace(shapes, vertices=shaken))[0])
+    other = pca_model(align(dataclasses.replace(shapes, vertices=shaken))[0])
     table = recovered_modes(model, other, template, truth)
     assert table["angle_degrees"].item() < 0.5
     assert table["floor_angle_degrees"].item() > 80
@@ -161,12 +161,12 @@ def test_the_floor_and_the_model_are_told_apart():
 def test_the_floor_recovers_the_true_modes():
     truth = phantom((2.0, 1.0))
     template = template_of(truth)
-    floor = build(align(true_correspondence(template, truth, truth.case_ids))[0])
+    floor = pca_model(align(true_correspondence(template, truth, truth.case_ids))[0])
     generator = np.random.default_rng(0)
     noise = generator.normal(size=(len(truth.case_ids), *template.vertices.shape))
     noisy = true_correspondence(template, truth, truth.case_ids)
     noisy = dataclasses.replace(noisy, vertices=noisy.vertices + noise)
-    table = recovered_modes(build(align(noisy)[0]), floor, template, truth)
+    table = recovered_modes(pca_model(align(noisy)[0]), floor, template, truth)
     assert table["mode"].tolist() == [1, 2]
     # Alignment is not linear: modes of 2 mm on a 50 mm sphere bend by about a degree.
     assert table["floor_angle_degrees"].max() < 3
@@ -176,8 +176,8 @@ def test_the_floor_recovers_the_true_modes():
 def test_the_floor_variance_of_one_mode_by_hand():
     truth = phantom((2.0,))
     template = template_of(truth)
-    model = build(align(written_out(truth))[0])
-    floor = build(align(true_correspondence(template, truth, truth.case_ids))[0])
+    model = pca_model(align(written_out(truth))[0])
+    floor = pca_model(align(true_correspondence(template, truth, truth.case_ids))[0])
     table = recovered_modes(model, floor, template, truth)
     # |mode|² at the template's vertices: 3 a² z² each, with mean z² = 1/3 on an even sphere.
     expected = len(template.vertices) * 2.0**2 * truth.scores.var(ddof=1)
@@ -193,8 +193,8 @@ def test_rigid_motion_within_the_true_modes_does_not_count():
     template = template_of(truth)
     drift = np.array([3.0, 0, 0]) + 0.02 * np.cross([0, 0, 1.0], truth.mean)
     drifting = dataclasses.replace(truth, modes=truth.modes + drift)
-    model = build(align(written_out(truth))[0])
-    floor = build(align(true_correspondence(template, truth, truth.case_ids))[0])
+    model = pca_model(align(written_out(truth))[0])
+    floor = pca_model(align(true_correspondence(template, truth, truth.case_ids))[0])
     table = recovered_modes(model, floor, template, drifting)
     assert table["angle_degrees"].item() < 0.5
 
@@ -203,12 +203,12 @@ def test_other_modes_are_missed():
     truth = phantom((2.0,))
     template = template_of(truth)
     true = true_correspondence(template, truth, truth.case_ids)
-    floor = build(align(true)[0])
+    floor = pca_model(align(true)[0])
     generator = np.random.default_rng(0)
     noise = dataclasses.replace(
         true, vertices=true.vertices[:1] + generator.normal(size=true.vertices.shape)
     )
-    table = recovered_modes(build(align(noise)[0]), floor, template, truth)
+    table = recovered_modes(pca_model(align(noise)[0]), floor, template, truth)
     assert table["angle_degrees"].item() > 80
     assert table["floor_angle_degrees"].item() < 0.5
 

@@ -11,7 +11,7 @@ from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 STEP_MM = 3.0
 
@@ -74,7 +74,7 @@ def test_standard_error_is_the_spread_of_repeated_runs():
 def test_fast_equals_naive():
     corresponded, _ = wavy_cohort(9, subdivisions=3)
     aligned, _ = align(corresponded)
-    model = build(aligned)
+    model = pca_model(aligned)
     generator = np.random.default_rng(0)
     points = FixedPoints.of(model.mean, model.faces, 800, generator)
     samples = [sample_points(v, model.faces, 800, generator) for v in aligned.vertices]
@@ -96,7 +96,7 @@ def test_fast_equals_naive():
 def test_surface_distance_of_draws_equals_naive():
     corresponded, _ = wavy_cohort(5)
     aligned, _ = align(corresponded)
-    model = build(aligned)
+    model = pca_model(aligned)
     meshes = [
         Mesh(v, aligned.faces, i) for v, i in zip(aligned.vertices, aligned.case_ids, strict=True)
     ]
@@ -128,7 +128,7 @@ def test_surface_distance_of_draws_equals_naive():
 def test_draws_have_the_models_covariance_and_pair_between_models():
     corresponded, _ = wavy_cohort(6)
     aligned, _ = align(corresponded)
-    model = build(aligned)
+    model = pca_model(aligned)
     weights = np.random.default_rng(0).standard_normal((4000, 6))
     scores = drawn_scores(model, weights)
     # 4000 draws: entries of the covariance are uncertain by 1 / sqrt(4000), 0.016.

@@ -12,7 +12,7 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @dataclass(frozen=True)
@@ -37,4 +37,4 @@ def posed_spheres() -> Spheres:
     shapes = CorrespondedShapes(points, np.asarray(sphere.faces), ids, ids[0])
     aligned, frames = align(shapes, with_scale=True)
     meshes = tuple(Mesh(p[::-1], 161 - shapes.faces, i) for p, i in zip(points, ids, strict=True))
-    return Spheres(shapes, aligned, frames, meshes, build(aligned))
+    return Spheres(shapes, aligned, frames, meshes, pca_model(aligned))

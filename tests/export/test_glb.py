@@ -12,7 +12,7 @@ import trimesh
 from ssm_pipeline.export.glb import glb_bytes, write_glb
 from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def model() -> ShapeModel:
     stretch = 1 + 0.1 * generator.standard_normal((6, 1, 3))
     shapes = np.asarray(sphere.vertices) * stretch
     ids = tuple(f"case {n}" for n in range(6))
-    return build(CorrespondedShapes(shapes, np.asarray(sphere.faces), ids, ids[0]))
+    return pca_model(CorrespondedShapes(shapes, np.asarray(sphere.faces), ids, ids[0]))
 
 
 def read(gltf: pygltflib.GLTF2, accessor_index: int) -> np.ndarray:

@@ -10,14 +10,14 @@ from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 TRUTH = [1.2, -0.8, 0.5]
 
 
 @pytest.fixture(scope="module")
 def model():
-    return build(align(bumpy_cohort(12))[0])
+    return pca_model(align(bumpy_cohort(12))[0])
 
 
 def test_an_instance_is_found_again_wherever_it_lies(model):

@@ -26,7 +26,7 @@ from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def cohort():
     kept = shapes.subset(range(10))
     new = surfaces_of(shapes)[10:]
     reference = cross_validate(kept, surfaces_of(kept))
-    return Yardstick(build(align(kept)[0]), kept, surfaces_of(kept), reference), new
+    return Yardstick(pca_model(align(kept)[0]), kept, surfaces_of(kept), reference), new
 
 
 def flags_of(cohort, surface):

@@ -20,12 +20,12 @@ from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseError, Mask, Mesh
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 @pytest.fixture(scope="module")
 def model():
-    return build(align(bumpy_cohort(8))[0])
+    return pca_model(align(bumpy_cohort(8))[0])
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])

@@ -11,7 +11,7 @@ from sklearn.decomposition import PCA
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 FACES = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [4, 5, 0]])
 SEEN = np.array([4, 0, 2])
@@ -20,7 +20,7 @@ SEEN = np.array([4, 0, 2])
 def small_model(cases: int = 9) -> ShapeModel:
     points = np.random.default_rng(3).standard_normal((cases, 6, 3)) * [3.0, 2.0, 1.0]
     ids = tuple(f"c{index}" for index in range(cases))
-    return build(CorrespondedShapes(points, FACES, ids, "c0"))
+    return pca_model(CorrespondedShapes(points, FACES, ids, "c0"))
 
 
 def covariance(model: ShapeModel) -> np.ndarray:
@@ -73,7 +73,7 @@ def test_all_points_with_noise_give_the_scores_of_probabilistic_pca():
 
 def test_modes_are_those_of_scikit_learn():
     points = np.random.default_rng(5).standard_normal((9, 6, 3))
-    model = build(CorrespondedShapes(points, FACES, tuple("abcdefghi"), "a"))
+    model = pca_model(CorrespondedShapes(points, FACES, tuple("abcdefghi"), "a"))
     other = PCA(8).fit(points.reshape(9, -1))
     np.testing.assert_allclose(model.variances, other.explained_variance_)
     flat = model.modes.reshape(8, -1)

@@ -5,7 +5,7 @@ from shapes import blob
 
 from ssm_pipeline.records import CorrespondedShapes, StudyError
 from ssm_pipeline.shape_model.alignment import align
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 
 
 def hand_made(count=40, seed=0):
@@ -25,7 +25,7 @@ def hand_made(count=40, seed=0):
 
 def test_pca_finds_a_hand_made_model():
     shapes, mean, modes, scores = hand_made()
-    model = build(shapes)
+    model = pca_model(shapes)
     assert model.mode_count == 2
     np.testing.assert_allclose(model.variances, [81.0, 16.0])
     np.testing.assert_allclose(model.mean, mean, atol=1e-9)
@@ -41,7 +41,7 @@ def test_all_modes_reconstruct_every_case():
     generator = np.random.default_rng(1)
     points = generator.standard_normal((6, 30, 3))
     shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdef"), "a")
-    model = build(shapes)
+    model = pca_model(shapes)
     assert model.mode_count == 5
     np.testing.assert_allclose(model.reconstruct(model.scores), points, atol=1e-9)
     np.testing.assert_allclose(model.coefficients(points), model.scores, atol=1e-9)
@@ -54,11 +54,11 @@ def test_variances_are_those_of_the_covariance():
     points = np.random.default_rng(2).standard_normal((7, 4, 3))
     shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdefg"), "a")
     values = np.linalg.eigvalsh(np.cov(points.reshape(7, -1).T))[::-1]
-    np.testing.assert_allclose(build(shapes).variances, values[:6])
+    np.testing.assert_allclose(pca_model(shapes).variances, values[:6])
 
 
 def test_samples_have_the_models_variance():
-    model = build(hand_made()[0])
+    model = pca_model(hand_made()[0])
     draws = model.coefficients(model.sample(4000, np.random.default_rng(0)))
     # Standard error of a variance of 4000 draws: √(2/4000) = 2.2 %; four of them allowed.
     np.testing.assert_allclose(draws.var(axis=0), 1, atol=0.09)
@@ -66,7 +66,7 @@ def test_samples_have_the_models_variance():
 
 
 def test_bad_sizes_say_what_was_needed():
-    model = build(hand_made()[0])
+    model = pca_model(hand_made()[0])
     with pytest.raises(ValueError, match="3 scores given; the model has 2 modes"):
         model.reconstruct([1, 2, 3])
     with pytest.raises(ValueError, match="in correspondence with the model's mean"):
@@ -76,7 +76,7 @@ def test_bad_sizes_say_what_was_needed():
     shapes = hand_made()[0]
     two = CorrespondedShapes(shapes.vertices[:2], shapes.faces, ("c0", "c1"), "c0")
     with pytest.raises(StudyError, match="at least 3 usable cases; 2 found"):
-        build(two)
+        pca_model(two)
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -99,7 +99,7 @@ def test_alignment_undoes_any_pose(with_scale):
 def test_alignment_keeps_what_is_not_pose():
     shapes, *_ = hand_made()
     aligned, _ = align(shapes)
-    assert build(aligned).variances[0] > 30
+    assert pca_model(aligned).variances[0] > 30
 
 
 def test_equal_shapes_have_no_modes_and_it_says_so():
@@ -107,4 +107,4 @@ def test_equal_shapes_have_no_modes_and_it_says_so():
     faces = np.array([[0, 1, 2]])
     names = ("a", "b", "c", "d")
     with pytest.raises(StudyError, match="all 4 shapes are equal"):
-        build(CorrespondedShapes(np.stack([sphere] * 4), faces, names, "a"))
+        pca_model(CorrespondedShapes(np.stack([sphere] * 4), faces, names, "a"))

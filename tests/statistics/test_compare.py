@@ -9,7 +9,7 @@ from statsmodels.multivariate.manova import MANOVA
 from statsmodels.stats.power import TTestIndPower
 
 from ssm_pipeline.records import CorrespondedShapes, StudyError
-from ssm_pipeline.shape_model.pca import build
+from ssm_pipeline.shape_model.pca import pca_model
 from ssm_pipeline.statistics.compare import compare, modes_carried
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 from ssm_pipeline.statistics.effects import (
@@ -133,7 +133,7 @@ def a_cohort():
 
 def test_a_whole_comparison():
     shapes = a_cohort()
-    model = build(shapes)
+    model = pca_model(shapes)
     table = pd.DataFrame(
         {
             "case_id": shapes.case_ids,
@@ -174,7 +174,7 @@ def test_a_whole_comparison():
 
 
 def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do():
-    model = build(a_cohort())
+    model = pca_model(a_cohort())
     with pytest.raises(StudyError, match="1 to 4 modes"):
         modes_carried(model, DESIGN, 20)
     assert modes_carried(model, DESIGN, 3) == 3
