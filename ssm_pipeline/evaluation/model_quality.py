@@ -18,6 +18,8 @@ from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel
 
+MOST_FOLDS = 100  # models built where every case is to be held out: each costs as much as the whole
+
 
 def compactness(model: ShapeModel) -> pd.DataFrame:
     """C(M) = Σ_{m≤M} λ_m / Σ λ: modes, variance_mm2, variance_per_point_mm2, share (0 … 1)."""
@@ -72,7 +74,8 @@ def generalisation(
 def held_out_folds(
     count: int, folds: int, seed: int, patients: Sequence[str] | None = None
 ) -> list[np.ndarray]:
-    """The held-out cases (indices), fold by fold, each case exactly once; 0 folds: one at a time.
+    """The held-out cases (indices), fold by fold, each case exactly once; 0 folds: one at a time,
+    or, of more than MOST_FOLDS, so many folds.
 
     A function of these numbers alone, so that every method leaves out the same cases together.
     patients  (count,) whom each case is of: cases of one patient, as both sides, are left out
@@ -90,11 +93,13 @@ def held_out_folds(
     if patients is None:
         groups = [np.array([case]) for case in range(count)]
     else:
-        groups = [
-            np.flatnonzero([other == patient for other in patients])
-            for patient in dict.fromkeys(patients)
-        ]
+        members: dict[str, list[int]] = {}
+        for case, patient in enumerate(patients):
+            members.setdefault(patient, []).append(case)
+        groups = [np.array(cases) for cases in members.values()]
     what = "cases" if len(groups) == count else "patients"
+    if folds == 0 and len(groups) > MOST_FOLDS:
+        folds = MOST_FOLDS
     if folds == 0:
         parts = groups
     elif 2 <= folds <= len(groups):

@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+AT_A_TIME = 10_000_000  # cases drawn by a bootstrap: all at once are GB for a cohort of thousands
+
 
 @dataclass(frozen=True)
 class PairedDifference:
@@ -40,12 +42,22 @@ def over_cases(
     """
     own, other = (table.set_index("case_id")[column] for table in (cases, baseline))
     difference = (own - other.loc[own.index]).to_numpy()
-    picks = generator.integers(len(difference), size=(draws, len(difference)))
-    means = difference[picks].mean(axis=1)
+    count = len(difference)
+    means = np.concatenate(
+        [
+            difference[generator.integers(count, size=(part, count))].mean(axis=1)
+            for part in _parts(draws, max(1, AT_A_TIME // count))
+        ]
+    )
     low, high = np.percentile(means, [2.5, 97.5])
     beyond = min((means <= 0).sum(), (means >= 0).sum())
     p = min(1.0, 2 * (beyond + 1) / (draws + 1))
     return PairedDifference(float(difference.mean()), float(low), float(high), float(p))
+
+
+def _parts(total: int, most: int) -> list[int]:
+    """Numbers that add up to the total, none above the most."""
+    return [min(most, total - begun) for begun in range(0, total, most)]
 
 
 def over_left_out_cases(

@@ -23,7 +23,8 @@ class EvaluationSettings(Settings):
     screening_points: int = Field(128, ge=20)  # samples that pick the nearest training mesh
     screening_errors: float = Field(2.0, ge=0)  # standard errors a mesh must be worse by to be out
     mode_counts: int = Field(24, ge=1)  # curve points over the modes; all modes where fewer
-    folds: int = Field(0, ge=0)  # held-out folds for generalisation; 0: one case at a time
+    # Held-out folds for generalisation. 0: one case at a time; of more than 100, 100 folds.
+    folds: int = Field(0, ge=0)
     # Draws of each model built without one case, for the interval of specificity; 0: no interval.
     # It is most of an evaluation's time where asked for: 24 are enough.
     jackknife_samples: int = Field(0, ge=0)

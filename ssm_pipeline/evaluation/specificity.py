@@ -136,8 +136,8 @@ def nearest_chamfer(
     nearest first.
     """
     size = draws.shape[1]
-    screens = [_even_subset(size, screening_points // 4), _even_subset(size, screening_points)]
-    asked = _even_subset(size, asked_points or size)
+    screens = [even_subset(size, screening_points // 4), even_subset(size, screening_points)]
+    asked = even_subset(size, asked_points or size)
     nearest, left = np.empty(len(draws)), []
     for index, points in enumerate(draws):
         draw, kept = PointTarget.of(points), np.arange(len(targets))
@@ -169,7 +169,8 @@ def estimates(
     return estimate, 0.5 * np.sqrt((out.var(axis=1) + back.var(axis=1)) / len(subset))
 
 
-def _even_subset(size: int, count: int) -> np.ndarray:
+def even_subset(size: int, count: int) -> np.ndarray:
+    """`count` of the numbers 0 … size − 1, evenly; all where there are no more."""
     return np.linspace(0, size - 1, min(count, size)).round().astype(np.int64)
 
 

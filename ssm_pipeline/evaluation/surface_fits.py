@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import joblib
 import numpy as np
@@ -14,6 +15,8 @@ from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
+MOST_MODES = 200  # of a fit: its cost grows with them, and a surface tells no more
+
 
 def fits_to_held_out(
     cohort: AlignedCohort, folds: Sequence[np.ndarray], modes: int, jobs: int = 1
@@ -24,18 +27,20 @@ def fits_to_held_out(
     pose and its scores by itself (`fitting.model_fit`), and is held by its prior.
 
     folds  the cases held out at a time (`held_out_folds`).
-    modes  of each model, at most as many as it has.
+    modes  of each model, at most as many as it has and MOST_MODES.
     Returns one row per case: case_id, modes, surface_mm, hd95_mm (fitted instance and mesh, both
     ways).
     """
-    tasks = []
-    for held_out in folds:
-        model, frames = cohort.without(held_out)
-        model = model.truncate(min(modes, model.mode_count))
-        for case, frame in zip(held_out, frames, strict=True):
-            tasks.append(joblib.delayed(_fitted)(model, moved(cohort.meshes[case], frame)))
+
+    def tasks() -> Iterator[Any]:  # one fold's model at a time: all of them are GB
+        for held_out in folds:
+            model, frames = cohort.without(held_out)
+            model = model.truncate(min(modes, model.mode_count, MOST_MODES))
+            for case, frame in zip(held_out, frames, strict=True):
+                yield joblib.delayed(_fitted)(model, moved(cohort.meshes[case], frame))
+
     with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks)
+        rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks())
     order = {case_id: number for number, case_id in enumerate(cohort.shapes.case_ids)}
     return pd.DataFrame(sorted(rows, key=lambda row: order[str(row["case_id"])]))
 

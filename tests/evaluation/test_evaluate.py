@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 from synthetic_shapes import wavy_cohort
 
+from ssm_pipeline.evaluation import nearest_case
 from ssm_pipeline.evaluation.comparison import compare
 from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
 from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
@@ -91,3 +92,14 @@ def test_a_case_is_nearest_to_the_one_most_like_it(cohort):
     assert table.loc[meshes[0].case_id, "nearest_by_chamfer"] == "near"
     assert table.loc["near", "surface_mm"] < 1
     assert (table["chamfer_floor_mm"] > 0).all()
+
+
+def test_of_many_cases_some_are_asked_and_compared_in_full_with_the_nearest(monkeypatch):
+    _, meshes = wavy_cohort(15)
+    whole = nearest_other_cases(meshes, SETTINGS, np.random.default_rng(0))
+    monkeypatch.setattr(nearest_case, "CANDIDATES", len(meshes))
+    in_full = nearest_other_cases(meshes, SETTINGS, np.random.default_rng(0))
+    pd.testing.assert_frame_equal(whole, in_full)
+    monkeypatch.setattr(nearest_case, "MOST_ASKED", 4)
+    some = nearest_other_cases(meshes, SETTINGS, np.random.default_rng(0))
+    pd.testing.assert_frame_equal(some, in_full.iloc[[0, 5, 9, 14]].reset_index(drop=True))

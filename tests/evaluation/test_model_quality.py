@@ -135,6 +135,16 @@ def test_folds_are_the_same_for_every_method():
     assert sorted(map(len, first)) == [4, 4, 4, 5, 5]
 
 
+def test_of_hundreds_of_cases_a_hundred_folds_are_held_out():
+    folds = held_out_folds(250, 0, seed=3)
+    assert len(folds) == 100
+    assert sorted(np.concatenate(folds)) == list(range(250))
+    assert len(held_out_folds(100, 0, seed=3)) == 100
+    patients = [str(case // 2) for case in range(250)]  # two cases each
+    for fold in held_out_folds(250, 0, seed=3, patients=patients):
+        assert {patients[case] for case in fold} <= {patients[case] for case in fold if case % 2}
+
+
 def test_mean_over_cases():
     corresponded, meshes = wavy_cohort(5)
     cohort, _ = align_cohort(corresponded, meshes)

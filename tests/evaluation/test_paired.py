@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from synthetic_shapes import wavy_cohort
 
+from ssm_pipeline.evaluation import paired
 from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.paired import holm, over_cases, over_left_out_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
@@ -20,6 +21,15 @@ def test_cases_are_paired_by_name_and_not_by_row():
     result = over_cases(shuffled, base, "x_mm", 500, np.random.default_rng(0))
     assert result.low == result.high == result.value == 0
     assert result.p == 1
+
+
+def test_a_bootstrap_in_parts_is_the_bootstrap(monkeypatch: pytest.MonkeyPatch):
+    ids = [str(number) for number in range(30)]
+    base = pd.DataFrame({"case_id": ids, "x_mm": 0.0})
+    own = base.assign(x_mm=np.random.default_rng(1).normal(0.2, 1, 30))
+    whole = over_cases(own, base, "x_mm", 500, np.random.default_rng(0))
+    monkeypatch.setattr(paired, "AT_A_TIME", 70)
+    assert over_cases(own, base, "x_mm", 500, np.random.default_rng(0)) == whole
 
 
 def test_interval_covers_the_truth_as_often_as_it_says():

@@ -57,6 +57,20 @@ def test_variances_are_those_of_the_covariance():
     np.testing.assert_allclose(pca_model(shapes).variances, values[:6])
 
 
+def test_of_more_cases_than_coordinates_the_model_is_the_same():
+    points = np.random.default_rng(3).standard_normal((2500, 4, 3)) * np.arange(1, 5)[:, None]
+    points[:, 3] = points[:, 0] + points[:, 1]  # three coordinates that vary with others
+    ids = tuple(f"case_{number}" for number in range(len(points)))
+    model = pca_model(CorrespondedShapes(points, np.zeros((0, 3), int), ids, ids[0]))
+    flat = points.reshape(len(points), -1)
+    _, singular, Vt = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)
+    assert model.mode_count == 9
+    np.testing.assert_allclose(model.variances, singular[:9] ** 2 / 2499)
+    overlap = (model.modes.reshape(9, -1) * Vt[:9]).sum(axis=1)
+    np.testing.assert_allclose(np.abs(overlap), 1, atol=1e-9)
+    np.testing.assert_allclose(model.reconstruct(model.scores), points, atol=1e-9)
+
+
 def test_samples_have_the_models_variance():
     model = pca_model(hand_made()[0])
     draws = model.coefficients(model.sample(4000, np.random.default_rng(0)))
