@@ -21,7 +21,8 @@ class TrainingSettings(Settings):
     # built-in: weights trained on synthetic shapes, a file for each kind of network input. none:
     # fresh weights. Or the path of a matcher.pt.
     start: str = "none"
-    steps: int = Field(1500, ge=0)  # optimiser steps, one pair each; 0: the weights as they start
+    steps: int = Field(1500, ge=0)  # optimiser steps; 0: the weights as they start
+    pairs_per_step: int = Field(1, ge=1)  # their gradients' mean; as many processes can share them
     faces: int = Field(2000, ge=200)  # triangles of the coarser meshes trained on
     learning_rate: float = Field(1e-3, gt=0)  # Adam, at the start
     final_learning_rate: float = Field(1e-4, gt=0)  # reached by a cosine

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
+import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,8 +19,10 @@ from ssm_pipeline.training.checkpoint import Checkpoint
 from ssm_pipeline.training.loss import pair_loss
 from ssm_pipeline.training.matcher import Matcher
 from ssm_pipeline.training.networks import Networks
+from ssm_pipeline.training.pairs import Pairs
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.start import starting_weights
+from ssm_pipeline.training.team import Team
 
 
 def train(
@@ -32,18 +35,24 @@ def train(
     on_checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
     on_step: Callable[[int, dict[str, float]], None] = lambda step, losses: None,
 ) -> Matcher:
-    """Train on all unordered pairs, one per step, in an order that the seed and step decide.
+    """Train on all unordered pairs, `pairs_per_step` per step, in an order that the seed decides.
 
     start     continues from it, to the same bits as a run that was never stopped.
     families  of each shape: pairs are of one family. None: all are of one.
-    on_step   is given the losses; every `watch_every` steps also map_extent, map_sharpness,
-              mean_cosine and share_hit (`MapHealth`).
+    on_step   is given the losses, means over the step's pairs; every `watch_every` steps also
+              map_extent, map_sharpness, mean_cosine and share_hit of the first (`MapHealth`).
+    In a team (`training.team`) every process does a share of each step's pairs; that of the leader
+    calls this, and the followers are in `follow`.
     Raises StudyError for fewer than two shapes of a family, where the loss is not finite, or where
     the weights that `settings.start` names don't fit.
     """
-    pairs = pairs_within(families or [""] * len(bases))
-    if not pairs:
+    team = Team.here()
+    team.refuse_idle(settings.pairs_per_step)
+    pairs = Pairs(families or [""] * len(bases), seed)
+    if not len(pairs):
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
+    team.call({"bases": bases, "settings": settings, "seed": seed, "start": start,
+               "families": families, "device": torch.device(device).type})  # fmt: skip
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
     networks = Networks.new(settings, seed, device)
     optimiser = torch.optim.Adam(networks.parameters(), lr=settings.learning_rate)
@@ -57,33 +66,89 @@ def train(
 
     while (place := next_place(history, settings)) < settings.steps:
         step = len(history)
-        x, y = pair_at(step, pairs, seed)
+        first = step * settings.pairs_per_step
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(place, settings)
         optimiser.zero_grad(set_to_none=True)
-        with torch.random.fork_rng(devices=[] if device == "cpu" else [device]):
-            # Dropout's draws, and the turns: of the seed and the step, so a resumed run has them.
-            torch.manual_seed(hash_of(seed, step))
-            shape_x, shape_y = turned_inputs(shapes[x], shapes[y], settings)
-            intervals = settings.intervals_at(place)
-            total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
-        total.backward()
+        found = _gradients(team.share(settings.pairs_per_step), pairs, first, place, shapes,
+                           networks, settings, seed)  # fmt: skip
+        team.add_up([found.losses, *(p.grad for p in networks.parameters() if p.grad is not None)])
         if not clip_gradients(networks, settings):
+            worst = int(
+                torch.isfinite(found.losses[:, 0]).int().argmin()
+            )  # the first that is not finite
+            x, y = pairs.at(first + worst)
             raise StudyError(
                 f"the loss of {bases[x].case_id} and {bases[y].case_id} is not finite at step "
                 f"{step}; look at these two meshes, or lower training.learning_rate"
             )
         optimiser.step()
-        losses = {"schedule": float(place), "total": float(total.detach())}
-        losses |= {name: float(term.detach()) for name, term in terms.items()}
-        if step % settings.watch_every == 0 or place == settings.steps - 1:
-            losses |= _watched(pair)
+        losses = {"schedule": float(place)} | found.means()
+        if found.first is not None and (
+            step % settings.watch_every == 0 or place == settings.steps - 1
+        ):
+            losses |= _watched(found.first)
         history.append(losses)
         on_step(step + 1, losses)
         if (step + 1) % settings.checkpoint_every == 0:
             on_checkpoint(Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history))
     seen = tuple(basis.case_id for basis in bases)
     return Matcher(networks.eval(), settings, seed, seen, len(bases[0].eigenvalues))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The losses of a step's pairs, a row each, zero where another process has the pair; the first
+    pair as matched, where it is this process's."""
+
+    names: tuple[str, ...]
+    losses: torch.Tensor
+    first: MatchedPair | None
+
+    def means(self) -> dict[str, float]:
+        return dict(zip(self.names, self.losses.mean(dim=0).tolist(), strict=True))
+
+
+def _gradients(
+    share: range,
+    pairs: Pairs,
+    first: int,
+    place: int,
+    shapes: Sequence[Shape],
+    networks: Networks,
+    settings: TrainingSettings,
+    seed: int,
+) -> _Found:
+    """Add up in the parameters' `grad` what a share of a step's pairs has in their mean loss."""
+    rows: dict[int, torch.Tensor] = {}
+    matched: MatchedPair | None = None
+    names: tuple[str, ...] = ("total",)
+    device = shapes[0].vertices.device
+    for number in share:
+        x, y = pairs.at(first + number)
+        with torch.random.fork_rng(devices=[] if device.type == "cpu" else [device]):
+            # Dropout's draws, and the turns: of the seed and the pair's place, so that a resumed
+            # run has them, and any number of processes.
+            torch.manual_seed(hash_of(seed, first + number))
+            shape_x, shape_y = turned_inputs(shapes[x], shapes[y], settings)
+            intervals = settings.intervals_at(place)
+            total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
+        (total / settings.pairs_per_step).backward()
+        rows[number] = torch.stack([total, *terms.values()]).detach().cpu()
+        names = ("total", *terms)
+        matched = pair if number == 0 else matched
+    losses = torch.zeros(settings.pairs_per_step, len(names))
+    for number, row in rows.items():
+        losses[number] = row
+    return _Found(names, losses, matched)
+
+
+def follow(team: Team) -> None:
+    """Take part in every training that the leader calls for, until it has no more."""
+    while (work := team.await_call()) is not None:
+        if work["device"] == "cuda":  # of a machine's processes each has a GPU of its own
+            work["device"] = f"cuda:{os.environ['LOCAL_RANK']}"
+        train(**work)
 
 
 def next_place(history: Sequence[dict[str, float]], settings: TrainingSettings) -> int:
@@ -155,25 +220,6 @@ def _watched(pair: MatchedPair) -> dict[str, float]:
         "mean_cosine": health.mean_cosine,
         "share_hit": health.share_hit,
     }
-
-
-def pairs_within(families: Sequence[str]) -> list[tuple[int, int]]:
-    """All unordered pairs of shapes of one family.
-
-    >>> pairs_within(["lung", "lung", "tube"])
-    [(0, 1)]
-    """
-    count = range(len(families))
-    return [(x, y) for x, y in itertools.combinations(count, 2) if families[x] == families[y]]
-
-
-def pair_at(step: int, pairs: Sequence[tuple[int, int]], seed: int) -> tuple[int, int]:
-    """The pair of a step: every one once an epoch, each epoch in a new order.
-
-    The loss is symmetric, so the other order of a pair would teach the same again.
-    """
-    epoch, position = divmod(step, len(pairs))
-    return pairs[np.random.default_rng([seed, epoch]).permutation(len(pairs))[position]]
 
 
 def learning_rate_at(step: int, settings: TrainingSettings) -> float:

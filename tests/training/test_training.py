@@ -13,14 +13,13 @@ from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
 from ssm_pipeline.training.loss import pair_loss
 from ssm_pipeline.training.matcher import load_matcher, save_matcher
 from ssm_pipeline.training.networks import Networks
+from ssm_pipeline.training.pairs import Pairs
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.template import choose_template
 from ssm_pipeline.training.train import (
     clip_gradients,
     learning_rate_at,
     next_place,
-    pair_at,
-    pairs_within,
     train,
     turned_inputs,
 )
@@ -89,17 +88,32 @@ def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path):
 
 
 def test_an_epoch_shows_every_pair_once():
-    pairs = pairs_within(5 * ["organ"])
-    seen = {pair_at(step, pairs, seed=1) for step in range(10)}
-    assert len(seen) == 10
-    first, second = ([pair_at(s, pairs, 1) for s in steps] for steps in (range(10), range(10, 20)))
+    pairs = Pairs(5 * ["organ"], seed=1)
+    seen = {pairs.at(step) for step in range(10)}
+    assert len(seen) == len(pairs) == 10
+    first, second = ([pairs.at(s) for s in steps] for steps in (range(10), range(10, 20)))
     assert first != second
 
 
 def test_pairs_are_of_one_family(bases):
-    assert pairs_within(["a", "b", "a", "b"]) == [(0, 2), (1, 3)]
+    pairs = Pairs(["a", "b", "a", "b"], seed=0)
+    assert sorted(pairs.at(index) for index in range(2)) == [(0, 2), (1, 3)]
     with pytest.raises(StudyError, match="at least 2 shapes"):
         train(bases, SETTINGS, seed=0, families=["a", "b", "c"])
+
+
+def test_of_very_many_pairs_each_is_drawn_evenly_by_its_place():
+    families = ["a"] * 4 + ["b"] * 3
+    pairs = Pairs(families, seed=2, most_listed=8)
+    drawn = [pairs.at(index) for index in range(900)]
+    assert drawn[7] == Pairs(families, seed=2, most_listed=8).at(7)
+    counts = {pair: drawn.count(pair) for pair in Pairs(families, seed=0)._all()}
+    assert sum(counts.values()) == 900
+    assert min(counts.values()) > 60  # of 100 ± 9.5 a pair
+    assert max(counts.values()) < 140
+    many = Pairs(["organ"] * 100_000, seed=0)  # listed, these would be 4 GB
+    assert many.listed is None
+    assert len({many.at(index) for index in range(100)}) == 100
 
 
 def test_schedules():

@@ -1,0 +1,111 @@
+"""Processes that train together, each on its share of a step's pairs.
+
+    torchrun --nproc-per-node 2 -m ssm_pipeline run luna16 --set training.pairs_per_step=2
+
+The first leads: it does all else, and writes. The others follow: they wait for a training and do
+their part of each step. Gradients are added up on the CPU (gloo), whatever the device: the networks
+have few weights, and a step takes a hundred times as long. Who has no part in it, trains alone.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import torch.distributed as dist
+
+from ssm_pipeline.records import StudyError
+
+WAIT = datetime.timedelta(
+    days=30
+)  # a leader may be at other work for long; one that dies is noticed
+
+
+@dataclass(frozen=True)
+class Team:
+    """This process's place among those that train together: rank 0 leads."""
+
+    rank: int = 0
+    size: int = 1
+
+    @staticmethod
+    def here() -> Team:
+        """Of the processes that `torchrun` started and `team_of_torchrun` joined; else alone."""
+        if not (dist.is_available() and dist.is_initialized()):
+            return Team()
+        return Team(dist.get_rank(), dist.get_world_size())
+
+    @property
+    def leads(self) -> bool:
+        return self.rank == 0
+
+    def share(self, count: int) -> range:
+        """Which of `count` pairs are this process's."""
+        return range(self.rank, count, self.size)
+
+    def refuse_idle(self, pairs_per_step: int) -> None:
+        """Raise StudyError where there are more processes than pairs in a step."""
+        if self.size > pairs_per_step:
+            raise StudyError(
+                f"{self.size} processes train together, and training.pairs_per_step is "
+                f"{pairs_per_step}: each needs a pair of its own. Set "
+                f"training.pairs_per_step={self.size}, or a multiple of it."
+            )
+
+    def call(self, work: Mapping[str, Any] | None) -> None:
+        """Tell the followers what to train; None: that nothing comes any more."""
+        if self.size > 1 and self.leads:
+            dist.broadcast_object_list([work])
+
+    def await_call(self) -> Any:
+        """What the leader called for, in a follower."""
+        received: list[Any] = [None]
+        with _loss_of_others_said():
+            dist.broadcast_object_list(received)
+        return received[0]
+
+    def add_up(self, tensors: Sequence[torch.Tensor]) -> None:
+        """Make each tensor the sum of all processes' own, in place."""
+        if self.size == 1:
+            return
+        flat = torch.cat([tensor.detach().flatten().cpu() for tensor in tensors])
+        with _loss_of_others_said():
+            dist.all_reduce(flat)
+        parts = flat.split([tensor.numel() for tensor in tensors])
+        for tensor, part in zip(tensors, parts, strict=True):
+            tensor.copy_(part.view_as(tensor))
+
+
+@contextmanager
+def team_of_torchrun() -> Iterator[Team]:
+    """The processes of this `torchrun`; of a process that none started, the team of it alone."""
+    if "TORCHELASTIC_RUN_ID" not in os.environ or os.environ["WORLD_SIZE"] == "1":
+        yield Team()
+        return
+    dist.init_process_group("gloo", timeout=WAIT)
+    team = Team.here()
+    try:
+        yield team
+    finally:
+        try:
+            team.call(None)
+        except RuntimeError:  # the others are gone already
+            pass
+        dist.destroy_process_group()
+
+
+@contextmanager
+def _loss_of_others_said() -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:
+        raise StudyError(
+            "a process that trains with this one has ended; its message says why. Run the same "
+            "command again, with any number of processes: it goes on from the last checkpoint. "
+            f"({str(error).strip().splitlines()[0]})"
+        ) from error
