@@ -9,6 +9,7 @@ import numpy as np
 import SimpleITK as sitk
 
 from data_prep.image_files import check_header, check_voxels
+from data_prep.image_memory import refuse_too_large
 from ssm_pipeline.records import CaseError, Mask
 
 MIN_VOXELS = 64  # a 4 × 4 × 4 block: less is no surface
@@ -57,8 +58,10 @@ def read_labels(path: Path, case_id: str) -> LabelImage:
 
 
 def read_image(path: Path, case_id: str) -> sitk.Image:
-    """SimpleITK's image. Raises CaseError where SimpleITK can't read the file."""
+    """SimpleITK's image. Raises CaseError where SimpleITK can't read the file, StudyError where
+    there is not the memory for it."""
     try:
+        refuse_too_large(path, case_id)
         return sitk.ReadImage(str(path))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].strip()

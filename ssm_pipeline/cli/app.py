@@ -34,6 +34,17 @@ Device = Annotated[
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Cases at a time; one per core.", show_default=False)
 ]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        help="Work on cases there: a Dask scheduler (tcp://host:8786), or a YAML of Slurm jobs.",
+        show_default=False,
+    ),
+]
+MemoryGB = Annotated[
+    float | None,
+    typer.Option("--memory-gb", help="Most that a process takes for a case.", show_default=False),
+]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
 

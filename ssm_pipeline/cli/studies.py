@@ -9,9 +9,11 @@ import typer
 
 from ssm_pipeline.cli.app import (
     Changes,
+    Cluster,
     DataFolder,
     Device,
     Jobs,
+    MemoryGB,
     RunFolder,
     RunsFolder,
     StudyName,
@@ -30,20 +32,33 @@ def run(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of every random draw.", show_default=False)
     ] = None,
+    cluster: Cluster = None,
+    memory_gb: MemoryGB = None,
 ) -> None:
     """Masks to shape model and report; goes on where an earlier run stopped."""
+    from ssm_pipeline.commands.cluster import cluster_at
     from ssm_pipeline.commands.run_study import run_study
     from ssm_pipeline.engine.process import chosen_device, default_jobs
     from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
+    from ssm_pipeline.training.team import team_of_torchrun
+    from ssm_pipeline.training.train import follow
 
-    seeds = [f"seed={seed}"] if seed is not None else []
-    chosen = read_study(study, data, [*(changes or []), *seeds])
     terminal = Terminal()
-    chosen.announce(terminal)
-    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
-    run_folder = run_study(chosen.name, chosen.settings, options, terminal)
+    with team_of_torchrun() as team:
+        if not team.leads:
+            follow(team)
+            return
+        seeds = [f"seed={seed}"] if seed is not None else []
+        chosen = read_study(study, data, [*(changes or []), *seeds])
+        if chosen.settings.matching == "network":
+            team.refuse_idle(chosen.settings.training.pairs_per_step)
+        chosen.announce(terminal)
+        with cluster_at(cluster, terminal, memory_gb) as workers:
+            count = jobs or default_jobs()
+            options = RunOptions(runs, chosen_device(device), count, workers, memory_gb)
+            run_folder = run_study(chosen.name, chosen.settings, options, terminal)
     terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
 
 

@@ -12,6 +12,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row, map_cases
 from ssm_pipeline.engine.runner import FEWEST_CASES
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Mesh
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
@@ -41,7 +42,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
             for case in cohort.cases
         ]
         with terminal.steps(data.noun, len(tasks)) as steps:
-            results = map_cases(tasks, folder, jobs, steps.advance_to)
+            results = map_cases(tasks, folder, Processes(jobs), steps.advance_to)
         usable = [result for result in results if result.dropped is None]
         for result in results:
             for warning in result.row.get("warnings", [result.dropped]):

@@ -1,4 +1,4 @@
-"""Work on one case at a time, in parallel; what is finished is never done again.
+"""Work on one case at a time; what is finished is never done again.
 
 A case's results lie in `<stage>/<case>/`. Its `case.json` is written last and holds the key of
 everything the results depend on: present and with the same key, the case is finished.
@@ -7,7 +7,6 @@ everything the results depend on: present and with the same key, the case is fin
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
 import time
 import traceback
@@ -19,8 +18,13 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ssm_pipeline import storage
-from ssm_pipeline.engine import process
 from ssm_pipeline.engine.left_files import CASE_FILE, files_of_case
+from ssm_pipeline.engine.memory import (
+    forget_peak_memory,
+    is_want_of_memory,
+    memory_capped,
+    peak_memory_mb,
+)
 from ssm_pipeline.records import CaseError, StudyError
 
 Row = dict[str, Any]  # one line of a stage's table: column name → number, text or None
@@ -63,15 +67,19 @@ class CaseFailure(RuntimeError):
         return type(self), (self.case_id, self.worker_traceback)
 
 
+Workers = Callable[[Sequence[CaseTask], Path], Iterator[CaseResult]]  # tasks, stage's folder
+
+
 def map_cases(
     tasks: Sequence[CaseTask],
     stage_folder: Path,
-    jobs: int,
+    workers: Workers,
     on_progress: Callable[[int], None] = lambda done: None,
     on_result: Callable[[CaseResult], None] = lambda result: None,
 ) -> list[CaseResult]:
     """Do the tasks not finished yet; results in the order of the tasks.
 
+    workers    do them, in any order: `here`, `Processes` or a cluster's.
     on_result  told of every case as it is done; not of those that were finished.
     Raises CaseFailure for any error but a CaseError, which drops its case, and a StudyError, which
     is passed on; StudyError where the system killed a process.
@@ -80,7 +88,7 @@ def map_cases(
     results = {case_id: result for case_id, result in finished.items() if result is not None}
     missing = [task for task in tasks if task.case_id not in results]
     on_progress(len(results))
-    for result in _in_processes(missing, stage_folder, min(jobs, len(missing))):
+    for result in workers(missing, stage_folder):
         results[result.case_id] = result
         on_result(result)
         on_progress(len(results))
@@ -101,53 +109,43 @@ def finished_result(task: CaseTask, stage_folder: Path) -> CaseResult | None:
     return result
 
 
-def run_case(task: CaseTask, stage_folder: Path) -> CaseResult:
-    """Do one task in a fresh folder of its own."""
+def run_case(task: CaseTask, stage_folder: Path, memory_gb: float | None = None) -> CaseResult:
+    """Do one task in a fresh folder of its own, with no more memory than it may have."""
     folder = stage_folder / task.case_id
     shutil.rmtree(folder, ignore_errors=True)  # left by a killed run, or by other settings
     folder.mkdir(parents=True)
-    process.forget_peak_memory()
+    forget_peak_memory()
     start = time.perf_counter()
     row: Row = {}
     dropped = None
     try:
-        row = task.work(folder)
+        with memory_capped(memory_gb):
+            row = task.work(folder)
     except CaseError as error:
         dropped = error.reason
     except StudyError:  # a full disk, a damaged file of an earlier stage
         raise
     except Exception as error:
+        if is_want_of_memory(error):  # of this machine, not of the case: it is not dropped for it
+            raise StudyError(
+                f"case {task.case_id}: {stage_folder.name} found no more memory at "
+                f"{peak_memory_mb() / 1024:.1f} GB"
+                + (f" (--memory-gb {memory_gb:g})" if memory_gb else "")
+                + ". Let a process have more, run fewer at a time (--jobs), or leave the case out "
+                "(data.exclude); finished cases are kept."
+            ) from error
         raise CaseFailure(task.case_id, traceback.format_exc()) from error
     seconds = time.perf_counter() - start
     files = storage.fingerprints(folder, files_of_case(folder))
-    memory = process.peak_memory_mb()
+    memory = peak_memory_mb()
     result = CaseResult(task.case_id, task.key, row, seconds, memory, dropped, files)
     storage.write_json(folder / CASE_FILE, dataclasses.asdict(result))
     return result
 
 
-def _run_in_worker(task: CaseTask, stage_folder: Path, parent: int) -> CaseResult:
-    process.end_with_parent(parent)
-    process.may_grow()
-    return run_case(task, stage_folder)
-
-
-def _in_processes(tasks: Sequence[CaseTask], stage_folder: Path, jobs: int) -> Iterator[CaseResult]:
-    if jobs <= 1:
-        for task in tasks:
-            yield run_case(task, stage_folder)
-        return
-    import joblib
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    # One thread per process: a case per core beats many cores per case, and sums keep their order.
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        try:
-            work = joblib.delayed(_run_in_worker)
-            yield from parallel(work(task, stage_folder, os.getpid()) for task in tasks)
-        except TerminatedWorkerError as error:
-            raise StudyError(
-                f"a process was killed while {jobs} cases were worked on at a time, most often for "
-                "want of memory. Run again with fewer (--jobs); finished cases are kept."
-            ) from error
+def here(
+    tasks: Sequence[CaseTask], stage_folder: Path, memory_gb: float | None = None
+) -> Iterator[CaseResult]:
+    """The workers of a run without any: one task after another, in this process."""
+    for task in tasks:
+        yield run_case(task, stage_folder, memory_gb)

@@ -1,4 +1,4 @@
-"""The process a run lives in: allocator, threads, peak memory, versions."""
+"""The process a run lives in: allocator, threads, versions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import platform
 import sys
 import threading
 import time
-from pathlib import Path
 
 import psutil
 
@@ -19,6 +18,8 @@ from ssm_pipeline.records import StudyError
 # glibc's malloc.h. Values read from a header would need a compiler.
 M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
 MEMORY_PER_JOB_GB = 2.0  # a whole chest CT's mask during meshing
+# OMP: PyTorch, pykdtree; the others: the linear algebra of NumPy and SciPy.
+THREAD_COUNTS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 REPORTED_PACKAGES = ("ssm-pipeline", "numpy", "scipy", "torch", "simpleitk", "vtk", "pymeshlab")
 
 
@@ -34,27 +35,6 @@ def keep_large_blocks() -> bool:
     except (OSError, AttributeError):
         return False
     return bool(mallopt(M_MMAP_MAX, 0) and mallopt(M_TRIM_THRESHOLD, 2**31 - 1))
-
-
-def forget_peak_memory() -> None:
-    """Start the peak afresh, so that it belongs to one stage (Linux; elsewhere it accumulates)."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        return
-
-
-def peak_memory_mb() -> float:
-    """Largest resident memory of this process, MB: on Linux since `forget_peak_memory`, on Windows
-    since its start; on macOS the memory it holds now."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        line = next(line for line in status.splitlines() if line.startswith("VmHWM"))
-        return int(line.split()[1]) / 1024
-    except (OSError, StopIteration):
-        memory = psutil.Process().memory_info()
-        # Windows keeps the peak; macOS does not, so that it is today's size there.
-        return getattr(memory, "peak_wset", memory.rss) / 2**20
 
 
 def available_cores() -> int:
@@ -98,6 +78,11 @@ def may_grow() -> None:
     process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
 
+def holds_one_thread() -> bool:
+    """Whether this process was started with one thread for every library that counts its own."""
+    return all(os.environ.get(name) == "1" for name in THREAD_COUNTS)
+
+
 def versions() -> dict[str, str]:
     """Of Python, the platform and the packages a result depends on."""
     found = {"python": platform.python_version(), "platform": platform.platform()}
@@ -113,7 +98,7 @@ def machine() -> dict[str, str | int]:
     """What, beside versions and seed, may change a result's last bits."""
     found: dict[str, str | int] = {"processor": platform.processor() or platform.machine()}
     found["cores"] = available_cores()
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    for name in THREAD_COUNTS:
         if name in os.environ:
             found[name] = os.environ[name]
     if torch := sys.modules.get("torch"):

@@ -13,10 +13,13 @@ from ssm_pipeline import storage
 from ssm_pipeline.engine import process
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.left_files import STAGE_FILE, damaged_files, files_of_stage, undo
+from ssm_pipeline.engine.memory import forget_peak_memory, peak_memory_mb
 from ssm_pipeline.engine.ownership import alone_in, make_room, take
+from ssm_pipeline.engine.per_case import Workers
 from ssm_pipeline.engine.stage import JobSettings, Outcome, Stage, StageContext, StageRecord
 from ssm_pipeline.engine.terminal import Terminal, duration
 from ssm_pipeline.engine.withdrawn import without_withdrawn
+from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.records import Cohort, DamagedFile, Dropped, StudyError
 
 FEWEST_CASES = 4  # one is left out to score the model, and three are needed for the model then
@@ -42,11 +45,21 @@ class Job:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run, as opposed to what: nothing here changes what is computed."""
+    """How to run, as opposed to what: nothing here changes what is computed.
+
+    cluster    does the work on each case; None: `jobs` processes do.
+    memory_gb  that a process may have which works on a case; None: no limit.
+    """
 
     runs: Path = Path("runs")
     device: str = "cpu"
     jobs: int = 1
+    cluster: Workers | None = None
+    memory_gb: float | None = None
+
+    @property
+    def workers(self) -> Workers:
+        return self.cluster or Processes(self.jobs, self.memory_gb)
 
 
 def run_stages(
@@ -129,6 +142,7 @@ def _bring_up_to_date(
                     terminal=terminal,
                     cohort=cohort,
                     done=done,
+                    workers=options.workers,
                     case_keys=case_keys,
                 )
                 log.event("stage started", stage=stage.name, cases=len(case_keys))
@@ -165,7 +179,7 @@ def _run_stage(
     inputs: Mapping[str, str],
     start: float,
 ) -> StageRecord:
-    process.forget_peak_memory()
+    forget_peak_memory()
     outcome = stage.work(context)
     _refuse_too_few(stage.name, outcome, context.done)
     record = StageRecord(
@@ -177,7 +191,7 @@ def _run_stage(
         versions=process.versions(),
         finished_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds"),
         seconds=round(time.perf_counter() - start, 2),
-        peak_memory_mb=round(max(outcome.peak_memory_mb, process.peak_memory_mb()), 1),
+        peak_memory_mb=round(max(outcome.peak_memory_mb, peak_memory_mb()), 1),
         cases_in=list(context.case_keys),
         cases_out=list(outcome.case_keys),
         dropped=[vars(case) for case in outcome.dropped],

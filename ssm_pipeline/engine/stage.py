@@ -14,7 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.left_files import STAGE_FILE
-from ssm_pipeline.engine.per_case import CaseResult, CaseTask, Row, map_cases
+from ssm_pipeline.engine.per_case import CaseResult, CaseTask, Row, Workers, here, map_cases
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import Cohort, Dropped
 
@@ -98,7 +98,10 @@ _stage_record = TypeAdapter(StageRecord)
 
 @dataclass(frozen=True)
 class StageContext(Generic[S]):
-    """What a stage's work is given."""
+    """What a stage's work is given.
+
+    workers  do the work on each case. jobs: processes for work on all cases at once.
+    """
 
     name: str
     key: str
@@ -110,6 +113,7 @@ class StageContext(Generic[S]):
     terminal: Terminal
     cohort: Cohort
     done: Mapping[str, StageRecord]
+    workers: Workers
     case_keys: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -131,13 +135,16 @@ class StageContext(Generic[S]):
         return key_of(self.name, dict(self.case_keys), *parts)
 
     def map_cases(
-        self, tasks: Sequence[CaseTask], jobs: int | None = None, folder: Path | None = None
+        self, tasks: Sequence[CaseTask], folder: Path | None = None, in_this_process: bool = False
     ) -> list[CaseResult]:
-        """Do what is not finished of the tasks, in this stage's folder or in one inside it."""
+        """Do what is not finished of the tasks, in this stage's folder or in one inside it.
+
+        in_this_process  work on all cases at once, which has processes of its own.
+        """
         place = folder or self.folder()
+        workers = here if in_this_process else self.workers
         with self.terminal.steps(place.name, len(tasks)) as steps:
-            count = self.jobs if jobs is None else jobs
-            return map_cases(tasks, place, count, steps.advance_to, self._log_case)
+            return map_cases(tasks, place, workers, steps.advance_to, self._log_case)
 
     def _log_case(self, result: CaseResult) -> None:
         self.terminal.log(

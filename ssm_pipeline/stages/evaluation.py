@@ -123,7 +123,7 @@ def _scores(
         {case_id: positions.tolist() for case_id, positions in anatomy.landmarks.items()},
     )
     work = partial(_write_scores, context, method, settings, shapes, meshes, anatomy)
-    (result,) = context.map_cases([CaseTask("scores", key, work)], jobs=1, folder=folder)
+    (result,) = context.map_cases([CaseTask("scores", key, work)], folder, in_this_process=True)
     if result.dropped is not None:
         raise CaseError(method, result.dropped)
     return storage.load_tables(folder / "scores")

@@ -163,7 +163,7 @@ def _scores(
     )
     work = partial(_write_scores, settings, method, shapes, meshes, fold, anatomy)
     name = method.replace(",", "").replace(" ", "-")
-    (result,) = context.map_cases([CaseTask(name, key, work)], jobs=1, folder=folder)
+    (result,) = context.map_cases([CaseTask(name, key, work)], folder, in_this_process=True)
     if result.dropped is not None:
         raise CaseError(f"fold {fold.number}", result.dropped)
     return storage.load_tables(folder / name).tables

@@ -74,7 +74,9 @@ def s3m_shapes(
     trained_on = [case_id for case_id in case_ids if seen is None or case_id in seen]
     key = training_key(settings, context.seed, mesh_keys, template.case_id, trained_on)
     rests_on = [key, settings, [mesh_keys[case_id] for case_id in case_ids]]
-    (result,) = context.map_cases([CaseTask(row, key_of(rests_on), work)], jobs=1, folder=folder)
+    (result,) = context.map_cases(
+        [CaseTask(row, key_of(rests_on), work)], folder, in_this_process=True
+    )
     if result.dropped is not None:
         raise CaseError("in the comparison", result.dropped)
     return storage.load(CorrespondedShapes, folder / row / "points.npz")

@@ -16,6 +16,7 @@ from toy_study import write_masks
 
 from ssm_pipeline.engine import process
 from ssm_pipeline.engine.per_case import CaseFailure, CaseTask, map_cases
+from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.records import StudyError
 
 
@@ -151,7 +152,7 @@ def keep_memory(folder: Path) -> dict[str, int]:
 def test_a_worker_may_grow_without_being_taken_for_a_leak(tmp_path: Path):
     """joblib would end it at 300 MB, and warn, which is an error here."""
     tasks = [CaseTask(str(number), "key", keep_memory) for number in range(8)]
-    results = map_cases(tasks, tmp_path, 2)
+    results = map_cases(tasks, tmp_path, Processes(2))
     assert len({result.row["process"] for result in results}) == 2
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from toy_study import toy_job, toy_stages
 
+from ssm_pipeline.engine.per_case import Workers
 from ssm_pipeline.engine.runner import RunOptions, run_stages
 from ssm_pipeline.engine.terminal import Terminal
 
@@ -21,14 +22,16 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.folder, self.masks, self.diary = folder, folder / "masks", folder / "diary.txt"
 
-    def run(self, name: str = "toy", jobs: int = 1, **settings: int) -> str:
+    def run(
+        self, name: str = "toy", jobs: int = 1, cluster: Workers | None = None, **settings: int
+    ) -> str:
         self.diary.write_text("")
         out = io.StringIO()
         terminal = Terminal(Console(file=out, soft_wrap=True, markup=False, highlight=False))
         run_stages(
             toy_job(self.masks, name, **settings),
             toy_stages(self.diary),
-            RunOptions(self.folder / "runs", jobs=jobs),
+            RunOptions(self.folder / "runs", jobs=jobs, cluster=cluster),
             terminal,
         )
         return out.getvalue()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -63,6 +66,41 @@ def double(case_id: str, source: Path, diary: Path, folder: Path) -> Row:
         os.kill(os.getpid(), signal.SIGKILL)
     storage.write_text(folder / "doubled.txt", str(2 * int(text)))
     return {"case_id": case_id, "doubled": 2 * int(text)}
+
+
+def hold(begun: Path, ended: Path, seconds: float, folder: Path) -> Row:
+    """Says when it begins and ends; sleeps in between."""
+    begun.touch()
+    time.sleep(seconds)
+    ended.touch()
+    return {}
+
+
+def take_memory(megabytes: int, folder: Path) -> Row:
+    np.empty(megabytes * 2**20, np.uint8)
+    return {}
+
+
+def count_threads(folder: Path) -> Row:
+    """How many threads the process has gained when each library has had much to do."""
+    import psutil
+    import scipy.linalg
+    import torch
+    from pykdtree.kdtree import KDTree
+
+    points = np.random.default_rng(0).random((100_000, 3), dtype=np.float32)
+    square = np.random.default_rng(0).random((1000, 1000))
+    work = {
+        "pykdtree": lambda: KDTree(points).query(points),
+        "scipy": lambda: scipy.linalg.solve(square, square @ square),
+        "torch": lambda: torch.from_numpy(square) @ torch.from_numpy(square),
+    }
+    gained = {}
+    for name, do in work.items():
+        before = psutil.Process().num_threads()
+        do()
+        gained[name] = psutil.Process().num_threads() - before
+    return gained
 
 
 def double_stage(context: StageContext, diary: Path) -> Outcome:

@@ -1,0 +1,55 @@
+"""Processes on this machine that work on a case each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssm_pipeline.engine import process
+from ssm_pipeline.engine.per_case import CaseResult, CaseTask, here, run_case
+from ssm_pipeline.records import StudyError
+
+
+@dataclass(frozen=True)
+class Processes:
+    """So many at a time, each with one thread and no more memory than it may have."""
+
+    jobs: int
+    memory_gb: float | None = None
+
+    def __call__(self, tasks: Sequence[CaseTask], stage_folder: Path) -> Iterator[CaseResult]:
+        jobs = min(self.jobs, len(tasks))
+        if jobs <= 1:
+            return here(tasks, stage_folder, self.memory_gb)
+        return self._in_processes(tasks, stage_folder, jobs)
+
+    def _in_processes(
+        self, tasks: Sequence[CaseTask], stage_folder: Path, jobs: int
+    ) -> Iterator[CaseResult]:
+        import joblib
+        from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+        # One thread per process: a case per core beats many cores per case, and sums keep their
+        # order.
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+            try:
+                work = joblib.delayed(_run_in_worker)
+                yield from parallel(
+                    work(task, stage_folder, self.memory_gb, os.getpid()) for task in tasks
+                )
+            except TerminatedWorkerError as error:
+                raise StudyError(
+                    f"a process was killed while {jobs} cases were worked on at a time, most often "
+                    "for want of memory. Run again with fewer (--jobs); finished cases are kept."
+                ) from error
+
+
+def _run_in_worker(
+    task: CaseTask, stage_folder: Path, memory_gb: float | None, parent: int
+) -> CaseResult:
+    process.end_with_parent(parent)
+    process.may_grow()
+    return run_case(task, stage_folder, memory_gb)
