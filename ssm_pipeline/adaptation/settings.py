@@ -10,6 +10,8 @@ from ssm_pipeline.settings import Settings
 
 
 class AdaptationSettings(Settings):
+    """How a template is adapted to a case, once its pose is known."""
+
     # Dirichlet energy against Chamfer, both in squared lengths at unit area: minimise
     # CD + stiffness · trace(ΔᵀLΔ). The authors' code effectively uses 0.0033 / 50 = 6.6e-5; the
     # printed 0.1 hardly lets the surface move.

@@ -48,7 +48,7 @@ def log_spectra(table: pd.DataFrame) -> np.ndarray:
 def typical_cases(case_ids: Sequence[str], table: pd.DataFrame) -> tuple[str, ...]:
     """The few cases nearest to the cohort's median in size, compactness and spectrum.
 
-    table  a row of fingerprint numbers a case, in the order of case_ids.
+    table  a row of fingerprint numbers per case, in the order of case_ids.
     """
     sizes = np.log(table[["volume_ml", "compactness"]].to_numpy(float))
     features = np.hstack([sizes, log_spectra(table)])

@@ -16,7 +16,7 @@ class EvaluationSettings(Settings):
     points: int = Field(4000, ge=50)  # surface samples per shape, for the Chamfer distance
     samples: int = Field(1000, ge=2)  # shapes drawn from the model, for specificity (Chamfer)
     surface_samples: int = Field(100, ge=2)  # of these, scored vertex to triangle as well
-    surface_points: int = Field(1000, ge=20)  # vertices asked a shape, there
+    surface_points: int = Field(1000, ge=20)  # vertices asked per shape, there
     # Of a draw's and a mesh's samples, asked for their distance to all of the other's: the mean of
     # an even subset is nearly that of all.
     asked_points: int = Field(2000, ge=20)

@@ -18,6 +18,8 @@ BUILT_IN_EIGENPAIRS = 120  # that the built-in weights were trained with
 
 
 class TrainingSettings(Settings):
+    """Networks, losses and schedule: how a matcher is trained."""
+
     # built-in: weights trained on synthetic shapes, a file for each kind of network input. none:
     # fresh weights. Or the path of a matcher.pt.
     start: str = "none"
