@@ -85,12 +85,25 @@ def _write_scans(folder: Path, settings: PhantomSettings) -> PhantomTruth:
         truth, right_lungs = smooth_phantoms.draw(settings)
         for case_id, left, right in zip(truth.case_ids, truth.vertices, right_lungs, strict=True):
             image = smooth_phantoms.scan(left, right, truth.faces, settings)
-            sitk.WriteImage(image, str(folder / f"{case_id}.mhd"), useCompression=True)
+            _write(image, folder / f"{case_id}.mhd")
         return truth
     family = family_named(settings.family)
     cases = draw_cases(family, settings)
     truth = truth_of(family, cases, settings)
     for case_id, case in zip(truth.case_ids, cases, strict=True):
         image = scan(family, case, settings.voxel_noise)
-        sitk.WriteImage(image, str(folder / f"{case_id}.mha"), useCompression=True)
+        _write(image, folder / f"{case_id}.mha")
     return truth
+
+
+def _write(image: sitk.Image, path: Path) -> None:
+    """The image, and for .mhd its voxels beside it. Raises StudyError where the disk refuses."""
+    try:
+        sitk.WriteImage(image, str(path), useCompression=True)
+    except RuntimeError as error:  # ITK's only kind
+        reason = str(error).strip().splitlines()[-1].removeprefix("Reason: ")
+        raise StudyError(
+            f"{path} can't be written: {reason}. Free some space, or choose another folder."
+        ) from error
+    for written in path.parent.glob(f"{path.stem}.*"):
+        storage.reach_disk(written)

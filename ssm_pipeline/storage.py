@@ -64,9 +64,9 @@ def written_whole(path: Path, mode: int = 0o644) -> Iterator[Path]:
         try:
             yield temporary
             temporary.chmod(mode)  # until here mkstemp has kept it private
-            _reach_disk(temporary)
+            reach_disk(temporary)
             temporary.replace(path)
-            _reach_disk(path.parent)
+            reach_disk(path.parent)
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
@@ -87,7 +87,7 @@ def remove(path: Path) -> None:
     """Delete a file, if it is there; a power cut does not bring it back."""
     if path.exists():
         path.unlink()
-        _reach_disk(path.parent)
+        reach_disk(path.parent)
 
 
 def remove_unfinished(folder: Path) -> None:
@@ -124,7 +124,7 @@ def _fingerprint(path: Path) -> tuple[int, str]:
         return file.tell(), digest.hexdigest()
 
 
-def _reach_disk(path: Path) -> None:
+def reach_disk(path: Path) -> None:
     """Return when a file's content, or a folder's list of names, is on the disk itself."""
     if path.is_dir() and os.name == "nt":
         return  # Windows can't open a folder; its file system orders the names itself

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,8 +53,7 @@ class BenchmarkFiles:
         path = self.folder / "geodesics" / f"{key_of(key_of_mesh(mesh))}.npy"
         if not path.exists():
             matrix = geodesic_matrix(mesh.vertices, mesh.faces, across_gaps=True)
-            with storage.written_whole(path) as temporary:
-                np.save(temporary, matrix)
+            _save_array(matrix, path)
         return np.asarray(np.load(path))
 
     def map(self, x: Mesh, y: Mesh, key: str, make: Callable[[], np.ndarray]) -> np.ndarray:
@@ -61,8 +61,7 @@ class BenchmarkFiles:
         path = self.map_path(x, y, key)
         if not path.exists():
             y_to_x = make()
-            with storage.written_whole(path) as temporary:
-                np.save(temporary, y_to_x)
+            _save_array(y_to_x, path)
         return np.asarray(np.load(path))
 
     def path(self, x: Mesh, y: Mesh, key: str, make: Callable[[], ShapePath]) -> ShapePath:
@@ -80,3 +79,11 @@ class BenchmarkFiles:
 def key_of_mesh(mesh: Mesh) -> str:
     """Hash of a mesh's shape; its name does not count."""
     return key_of_arrays(mesh.vertices, mesh.faces)
+
+
+def _save_array(array: np.ndarray, path: Path) -> None:
+    """By way of memory: NumPy, writing an array by itself, does not say that the disk is full."""
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    with storage.written_whole(path) as temporary:
+        temporary.write_bytes(buffer.getbuffer())

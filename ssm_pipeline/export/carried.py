@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline import storage
+from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.records import StudyError
 
 MARKUPS_SCHEMA = (
@@ -88,5 +88,4 @@ def write_labelled_surface(
     mesh.field_data["SPACE"] = ["LPS"]
     mesh.field_data["UNIT"] = ["mm"]
     mesh.field_data["label_names"] = names
-    with storage.written_whole(path) as temporary:
-        mesh.save(temporary)
+    write_poly_data(mesh, path)

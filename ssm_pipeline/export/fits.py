@@ -10,6 +10,7 @@ import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.export.meshes import write_ply
+from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.fitting.patient import FitReport
 
 
@@ -86,8 +87,7 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
         poly.point_data[name] = values.astype(np.float32)
     poly.field_data["SPACE"] = ["LPS"]
     poly.field_data["UNIT"] = ["mm"]
-    with storage.written_whole(mapped) as temporary:
-        poly.save(temporary)
+    write_poly_data(poly, mapped)
     return [surface, mesh, mapped]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import h5py
@@ -18,7 +19,8 @@ def write_statismo(model: ShapeModel, path: Path, build_time: str) -> None:
     Scalismo refuses every number type but float32 and int32, and strings of variable length.
     Source: Lüthi et al. 2012 (Statismo); scalismo.io.StatismoIO, the reader of today.
     """
-    with storage.written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+    buffer = io.BytesIO()  # HDF5's own writer prints tracebacks where the disk is full
+    with h5py.File(buffer, "w") as file:
         file["version/majorVersion"] = np.int32(0)
         file["version/minorVersion"] = np.int32(9)
 
@@ -46,3 +48,5 @@ def write_statismo(model: ShapeModel, path: Path, build_time: str) -> None:
         builder["parameters/unit"] = np.bytes_("mm")
         for index, case_id in enumerate(model.case_ids):
             builder[f"dataInfo/URI_{index}"] = np.bytes_(case_id.encode())
+    with storage.written_whole(path) as temporary:
+        temporary.write_bytes(buffer.getbuffer())

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.shape_model.model import ShapeModel
+
+if TYPE_CHECKING:  # at run time inside the functions: it is heavy
+    import pyvista
 
 
 def write_vtp(model: ShapeModel, path: Path) -> None:
@@ -24,5 +28,16 @@ def write_vtp(model: ShapeModel, path: Path) -> None:
         mesh.point_data[f"mode_{number}_plus_1sd_mm"] = displacement.astype(np.float32)
     mesh.field_data["SPACE"] = ["LPS"]
     mesh.field_data["UNIT"] = ["mm"]
-    with storage.written_whole(path) as temporary:
-        mesh.save(temporary)
+    write_poly_data(mesh, path)
+
+
+def write_poly_data(mesh: pyvista.PolyData, path: Path) -> None:
+    """By way of memory: VTK itself ends the process, or says nothing, where the disk is full."""
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(mesh)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    storage.write_text(path, writer.GetOutputString())

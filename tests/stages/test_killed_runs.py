@@ -38,10 +38,14 @@ def masks(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def undisturbed(masks: Path, tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
-    runs = tmp_path_factory.mktemp("undisturbed")
-    start = time.perf_counter()
+    runs, again = tmp_path_factory.mktemp("undisturbed"), tmp_path_factory.mktemp("timed")
     count = writes_of(lambda: run_tiny(masks, runs))
-    return Undisturbed(results_in(runs / NAME), count, time.perf_counter() - start)
+    start = time.perf_counter()
+    assert not run_and_kill(lambda: run_tiny(masks, again), LONG_ENOUGH_S)
+    seconds = time.perf_counter() - start
+    results = results_in(runs / NAME)
+    assert results == results_in(again / NAME)
+    return Undisturbed(results, count, seconds)
 
 
 @pytest.mark.slow
