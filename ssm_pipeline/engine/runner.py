@@ -159,7 +159,8 @@ def _bring_up_to_date(
 
 def _planned(stage: Stage[Any], kept: Any, options: RunOptions) -> dict[str, Any]:
     """What `workflow status` asks of a stage: `like` is equal where equal cases take equal time."""
-    like = key_of(stage.name, stage.version, kept, options.device, options.jobs)
+    on = (options.device, options.jobs, options.cluster is not None)
+    like = key_of(stage.name, stage.version, kept, on)
     return {"stage": stage.name, "like": like, "per_case": stage.per_case}
 
 
