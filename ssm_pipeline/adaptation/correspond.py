@@ -48,9 +48,9 @@ def correspond(
 ) -> Correspondence:
     """Match a template to a case.
 
-    full                adapted to the case (Eq. 15–16) from the network's pose X(1), from rigid
-                        alignment and from the template turned as the map says; the least
-                        distorted is kept (`settings.starts`)
+    full                adapted to the case (Eq. 15–16) from the template turned as the map says;
+                        from rigid alignment or the network's pose X(1) where that ends much less
+                        distorted (`settings.starts`)
     network start       from the network's pose alone: the paper's method
     without adaptation  the map of the features, by `matching.inference_map`: the paper's row
     spectral only       the same, of features trained on the spectral loss alone
@@ -85,11 +85,13 @@ def correspond(
         return _carried_onto(case, template, pose, NETWORK)
     starts: Starts = {NETWORK: (pose, map_pull(template, case, matcher, settings))}
     if method == "full" and settings.starts == "both":
-        starts[RIGID] = rigidly_aligned(template, case, seed), None
-        # Rigidly as the map says: where closest points would turn the template the wrong way, the
-        # map knows better, and a rigid start holds none of the map's noise.
+        # Rigidly as the map says: it knows which way the template lies better than closest points
+        # do, and a rigid start holds none of the map's noise.
         turn = best_similarity(template.vertices, goal, template.mass)
-        starts[TURNED] = turn.apply(template.vertices), None
+        starts = {
+            TURNED: (turn.apply(template.vertices), None),
+            RIGID: (rigidly_aligned(template, case, seed), None),
+        } | starts
     return _carried_onto(case, template, *_least_distorted(starts, template, case, settings, seed))
 
 
@@ -100,8 +102,9 @@ def _least_distorted(
     settings: AdaptationSettings,
     seed: int,
 ) -> tuple[np.ndarray, Start]:
-    """Adapted from each start, and the start that ended best: where the surfaces' distance and the
-    template's distortion, weighed as in adaptation, are least."""
+    """Adapted from each start, and the start that is kept: the first, or where one ends so much
+    better (`settings.start_margin`) the best; by the surfaces' distance and the template's
+    distortion, weighed as in adaptation."""
     ended: dict[Start, np.ndarray] = {}
     cost: dict[Start, float] = {}
     for start, (pose, pull) in starts.items():
@@ -111,8 +114,9 @@ def _least_distorted(
             return ended[start], start
         bent = distortion(template.vertices, ended[start], template.laplacian)
         cost[start] = adapted.chamfer() + settings.stiffness * bent
-    best = min(cost, key=lambda start: cost[start])
-    return ended[best], best
+    first, best = next(iter(cost)), min(cost, key=lambda start: cost[start])
+    kept = best if cost[best] < (1 - settings.start_margin) * cost[first] else first
+    return ended[kept], kept
 
 
 def correspond_again(

@@ -23,8 +23,10 @@ class AdaptationSettings(Settings):
     # error; in the paper adaptation hears the map through X(1) alone: 0.
     map_weight: float = Field(0.0, ge=0)
     cycle_scale: float = Field(0.05, gt=0)  # √area; a vertex whose cycle ends so far off: c = 0.6
-    # Where adaptation starts. both: at the network's pose, at the rigid alignment, and at the
-    # template turned as the map says; what ends as near to the case with the least distortion is
-    # kept. network: at the network's pose, as in the paper.
+    # Where adaptation starts. both: at the template turned as the map says, at the rigid alignment,
+    # and at the network's pose. network: at the network's pose, as in the paper.
     starts: Literal["both", "network"] = "both"
+    # The first of these is kept, unless another ends with so much less of distance and distortion
+    # together: where all reach the case, a few percent do not tell which is right.
+    start_margin: float = Field(0.25, ge=0, lt=1)
     path_times: int = Field(5, ge=2)  # times at which a path is adapted, 0 and 1 included

@@ -1,4 +1,4 @@
-"""Adaptation from two starts: the less distorted result is kept."""
+"""Adaptation from several starts: which is kept."""
 
 import numpy as np
 import pytest
@@ -42,14 +42,43 @@ def dirichlet(offset, L):
     return float((offset * (L @ offset)).sum())
 
 
-def test_an_untrained_network_loses_against_the_rigid_start(bases, untrained):
+def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
+    untrained, monkeypatch
+):
+    from ssm_pipeline.adaptation import pose
+
+    template, case = (
+        basis_of(Mesh(mesh.vertices * [1, 1, 4], mesh.faces, mesh.case_id))
+        for mesh in (blob(1), blob(2))
+    )
+    across = case.vertices[:, [1, 2, 0]]
+    monkeypatch.setattr(pose, "carried_case", lambda *_: across)
+    monkeypatch.setattr(pose, "pose_path", lambda *_: across[None])
     full, rigid, network = (
-        correspond(bases[0], bases[1], untrained, SETTINGS, method)
+        correspond(template, case, untrained, SETTINGS, method)
         for method in ("full", "adaptation only", "network start")
     )
     assert (full.start, rigid.start, network.start) == ("rigid", "rigid", "network")
     np.testing.assert_array_equal(full.fitted, rigid.fitted)
     assert not np.allclose(full.fitted, network.fitted)
+
+
+def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(bases, untrained, monkeypatch):
+    """A few percent of the cost tell nothing; without a margin they decide."""
+    from ssm_pipeline.adaptation import correspond as module
+    from ssm_pipeline.adaptation import pose
+
+    template, case = bases[0], bases[1]
+    tilt = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
+    better = module.rigidly_aligned(template, case, 0)
+    monkeypatch.setattr(pose, "carried_case", lambda *_: better @ tilt)
+    monkeypatch.setattr(pose, "pose_path", lambda *_: better[None])
+    assert correspond(template, case, untrained, SETTINGS).start == "turned"
+    costs = iter([1.0, 0.8, 0.9])
+    monkeypatch.setattr(module, "distortion", lambda *_: 1e6 * next(costs))
+    assert correspond(template, case, untrained, SETTINGS).start == "turned"
+    costs = iter([1.0, 0.7, 0.6])
+    assert correspond(template, case, untrained, SETTINGS).start == "network"
 
 
 def test_the_network_wins_where_the_rigid_start_cannot_reach(bases, untrained, monkeypatch):
