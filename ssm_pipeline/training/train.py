@@ -70,14 +70,13 @@ def train(
         for group in optimiser.param_groups:
             group["lr"] = learning_rate_at(place, settings)
         optimiser.zero_grad(set_to_none=True)
-        found = _gradients(team.share(settings.pairs_per_step), pairs, first, place, shapes,
-                           networks, settings, seed)  # fmt: skip
+        share = team.share(settings.pairs_per_step)
+        intervals = settings.intervals_at(place)
+        found = _gradients(share, pairs, first, shapes, networks, intervals, settings)
         team.add_up([found.losses, *(p.grad for p in networks.parameters() if p.grad is not None)])
         if not clip_gradients(networks, settings):
-            worst = int(
-                torch.isfinite(found.losses[:, 0]).int().argmin()
-            )  # the first that is not finite
-            x, y = pairs.at(first + worst)
+            not_finite = ~torch.isfinite(found.losses[:, 0])
+            x, y = pairs.at(first + int(not_finite.int().argmax()))
             raise StudyError(
                 f"the loss of {bases[x].case_id} and {bases[y].case_id} is not finite at step "
                 f"{step}; look at these two meshes, or lower training.learning_rate"
@@ -113,11 +112,10 @@ def _gradients(
     share: range,
     pairs: Pairs,
     first: int,
-    place: int,
     shapes: Sequence[Shape],
     networks: Networks,
+    intervals: int,
     settings: TrainingSettings,
-    seed: int,
 ) -> _Found:
     """Add up in the parameters' `grad` what a share of a step's pairs has in their mean loss."""
     rows: dict[int, torch.Tensor] = {}
@@ -129,9 +127,8 @@ def _gradients(
         with torch.random.fork_rng(devices=[] if device.type == "cpu" else [device]):
             # Dropout's draws, and the turns: of the seed and the pair's place, so that a resumed
             # run has them, and any number of processes.
-            torch.manual_seed(hash_of(seed, first + number))
+            torch.manual_seed(hash_of(pairs.seed, first + number))
             shape_x, shape_y = turned_inputs(shapes[x], shapes[y], settings)
-            intervals = settings.intervals_at(place)
             total, terms, pair = pair_loss(shape_x, shape_y, networks, intervals, settings)
         (total / settings.pairs_per_step).backward()
         rows[number] = torch.stack([total, *terms.values()]).detach().cpu()
