@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ssm_pipeline.adaptation.objective import AdaptationObjective, Nearest
+from ssm_pipeline.geometry.barycentric import interpolated
 
 PAIRS = [(a, b) for a in range(3) for b in range(3)]
 
@@ -66,7 +67,7 @@ class _System:
         point = np.concatenate([near.y_of_x, np.arange(len(obj.target))])
         normal, face, bary = obj.target_normals[point], obj.face[sample], obj.weights[sample]
         scale = 1 / len(obj.face)
-        at_rest = np.einsum("sc,scd->sd", bary, obj.vertices[obj.faces[face]])
+        at_rest = interpolated(obj.vertices, obj.faces[face], bary)
         residual = obj.target[point] - at_rest
         along = np.einsum("sd,sd->s", normal, residual)
         pull = scale * ((1 - tangential) * along[:, None] * normal + tangential * residual)

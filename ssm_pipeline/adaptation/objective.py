@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from pykdtree.kdtree import KDTree
 
 from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.surface import face_normals, sample_surface
 
 
@@ -68,16 +69,14 @@ class AdaptationObjective:
         target_face, target_weights = sample_surface(
             y.vertices, y.faces, settings.samples, generator
         )
-        corners = y.vertices[y.faces[target_face]]
-        self.target = np.einsum("sc,scd->sd", target_weights, corners)
+        self.target = interpolated(y.vertices, y.faces[target_face], target_weights)
         normals = face_normals(y.vertices, y.faces)[target_face]
         self.target_normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self.target_tree = KDTree(self.target)
 
     def moved_samples(self, offsets: np.ndarray) -> np.ndarray:
         """(S, 3) samples of X + Δ."""
-        corners = (self.vertices + offsets)[self.faces[self.face]]
-        return np.einsum("sc,scd->sd", self.weights, corners)
+        return interpolated(self.vertices + offsets, self.faces[self.face], self.weights)
 
     def nearest(self, samples: np.ndarray) -> Nearest:
         distance_x, y_of_x = self.target_tree.query(samples)

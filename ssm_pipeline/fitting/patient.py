@@ -14,7 +14,7 @@ from ssm_pipeline.fitting.matched_fit import fit_points
 from ssm_pipeline.fitting.model_fit import Fit, fit
 from ssm_pipeline.fitting.pose_search import StartPose, mirrored, start_poses, turned_deg
 from ssm_pipeline.fitting.typicality import CLEARLY_BETTER, Typicality, judge
-from ssm_pipeline.geometry.distances import SurfaceTarget
+from ssm_pipeline.geometry.distances import SurfaceDistance, SurfaceTarget, symmetric
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
@@ -65,15 +65,16 @@ class FitReport:
     @property
     def mean_mm(self) -> float:
         """Mean of the two directed mean distances, on what was seen."""
-        seen = self.distances_mm[self.observed]
-        return float(0.5 * (seen.mean() + self.surface_distances_mm.mean()))
+        return self._both_ways.mean
 
     @property
     def hd95_mm(self) -> float:
         """The larger of the two directed 95th percentiles, on what was seen."""
-        seen = self.distances_mm[self.observed]
-        there = self.surface_distances_mm
-        return float(max(np.percentile(seen, 95), np.percentile(there, 95)))
+        return self._both_ways.hd95
+
+    @property
+    def _both_ways(self) -> SurfaceDistance:
+        return symmetric(self.distances_mm[self.observed], self.surface_distances_mm)
 
     @property
     def observed_share(self) -> float:
