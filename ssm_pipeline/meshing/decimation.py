@@ -28,8 +28,8 @@ def decimate(mesh: Mesh, faces: int, fast_faces: int = 40_000) -> Mesh:
     """A closed manifold mesh with at most `faces` triangles, same topology and volume.
 
     Quadric edge collapse: fast-simplification down to `fast_faces`, then MeshLab with normals and
-    topology kept; at last the vertices are spread evenly along the surface (a lung's smallest
-    angle: 1–9° before, 7–20° after). A mesh that is small enough is returned as it is.
+    topology kept; at last the vertices are spread evenly along the surface. A mesh that is small
+    enough is returned as it is.
     Raises CaseError if the mesh is not a closed manifold, or can't be brought to `faces`.
     Source: Garland and Heckbert 1997.
 
