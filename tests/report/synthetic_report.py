@@ -18,7 +18,8 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
 from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.landmarks import Landmarks
-from ssm_pipeline.shape_model import alignment, pca
+from ssm_pipeline.shape_model import alignment
+from ssm_pipeline.shape_model.pca import pca_model
 from ssm_pipeline.statistics.compare import ShapeComparison, VertexMap
 from ssm_pipeline.statistics.covariates import Column, Design
 
@@ -70,7 +71,7 @@ def make_content(
     ids = tuple(f"blob.{n:03d}" for n in range(case_count))
     own = CorrespondedShapes(shapes, faces, ids, ids[0])
     aligned, frames = alignment.align(own)
-    model = pca.build(aligned)
+    model = pca_model(aligned)
     meshes = tuple(
         Mesh(v + 0.4 * generator.standard_normal(v.shape), faces, case)
         for v, case in zip(aligned.vertices, ids, strict=True)
