@@ -122,7 +122,7 @@ def fit_patient(
         fitted = fit_points(model, matched, surface, with_scale)
     if own.is_partial:
         remarks.append(
-            f"a part of the surface is missing: {own.observed.mean():.0%} of the model's vertices "
+            f"a part of the surface is missing: {100 * own.observed.mean():.0f} % of the vertices "
             "were seen, the rest is completed"
         )
         left_out = fits_of_parts(

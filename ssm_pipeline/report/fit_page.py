@@ -45,14 +45,16 @@ def fit_html(
     cohort_ids = fits[0].cohort_ids
     cohort_names = short_names(cohort_ids)
     modes = min(settings.modes, len(fits[0].scores))
+    # What is none of the model's kind would take the colours from all others.
+    like = [fit for fit in fits if not fit.typicality.is_flagged] or fits
     description = {
         "study": study,
         "faces": faces,
         "patients": patients,
         "axisSd": AXIS_SD,
         "rangeMm": {
-            "residual": _range_mm([fit.distances_mm[fit.observed] for fit in fits]),
-            "radius": _range_mm([fit.radius_mm for fit in fits]),
+            "residual": _range_mm([fit.distances_mm[fit.observed] for fit in like]),
+            "radius": _range_mm([fit.radius_mm for fit in like]),
         },
         "cohort": {
             "names": [cohort_names[case_id] for case_id in cohort_ids],
