@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -79,7 +80,7 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
         array = array[..., None]
     segments: Segments = {}
     for key in sorted(image.GetMetaDataKeys()):
-        if not (key.startswith("Segment") and key.endswith("_Name")):
+        if not re.fullmatch("Segment[0-9]+_Name", key):
             continue
         prefix = key.removesuffix("Name")
         layer, value = _number(image, prefix + "Layer", 0), _number(image, prefix + "LabelValue", 1)
@@ -94,7 +95,8 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
             np.array(image.GetDirection()).reshape(3, 3),
             case_id,
         )
-        segments[image.GetMetaData(key).strip()] = (labels, value)
+        name = image.GetMetaData(key).encode(errors="replace").decode()  # may be no UTF-8
+        segments[name.strip()] = (labels, value)
     if not segments:
         raise CaseError(
             case_id,

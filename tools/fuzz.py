@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = map(str, (ROOT, ROOT / "tools", ROOT / "tests" / "data_prep"))
+sys.path[:0] = map(str, (ROOT, ROOT / "tools", ROOT / "tests"))
 from fuzz_outside_files import OUTSIDE_FILES  # noqa: E402
 from fuzz_own_files import OWN_FILES  # noqa: E402
 from fuzz_reader import Reader  # noqa: E402

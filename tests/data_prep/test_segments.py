@@ -163,3 +163,21 @@ def test_frames_that_lie_a_kilometre_apart_are_refused(tmp_path: Path) -> None:
     content.save_as(path)
     with pytest.raises(CaseError, match=r"case a: .*its frames span 40\d{4} slices"):
         read_segments(path, ("liver",), "a")
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [(b"Segment0_N", "names no segments"), (b"spleen", r"no segment liver; it has \?pleen")],
+)
+def test_names_that_are_no_text(tmp_path: Path, found: bytes, message: str) -> None:
+    image = sitk.GetImageFromArray(np.ones((9, 9, 9), np.uint8))
+    image.SetMetaData("Segment0_Name", "spleen")
+    path = tmp_path / "a.seg.nrrd"
+    sitk.WriteImage(image, str(path))
+    damaged = {b"Segment0_N": b"Segment\xff_N", b"spleen": b"\xffpleen"}[found]
+    content = path.read_bytes()
+    assert found in content
+    path.write_bytes(content.replace(found, damaged))
+    with pytest.raises(CaseError, match=message) as refused:
+        read_segments(path, ("liver",), "a")
+    str(refused.value).encode()  # can be shown
