@@ -28,7 +28,7 @@ def execute(name: str, folder: Path) -> nbformat.NotebookNode:
     """The notebook as run anew in `folder`. Raises CellExecutionError where a cell fails."""
     notebook = read(name)
     place = {"metadata": {"path": str(folder)}}
-    client = NotebookClient(notebook, timeout=300, kernel_name="python3", resources=place)
+    client = NotebookClient(notebook, timeout=1200, kernel_name="python3", resources=place)
     client.coalesce_streams = True
     return client.execute()
 
