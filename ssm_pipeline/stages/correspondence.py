@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -51,8 +52,8 @@ def match_cases(context: Context) -> Outcome:
     storage.write_json(context.folder() / "template.json", {"template_id": template_id})
     note = f"template {template_id}"
     if matcher is not None:
-        aligned = sum(start == "rigid" for start in starts.values())
-        note += f"; started by the network {len(results) - aligned}, by rigid alignment {aligned}"
+        counts = Counter(str(result.row["start"]) for result in results if result.dropped is None)
+        note += f"; starts: {', '.join(f'{start} {n}' for start, n in counts.most_common())}"
     return context.outcome(results, note=note)
 
 
