@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import faulthandler
 import os
 import subprocess
 from collections.abc import Callable
@@ -112,6 +113,7 @@ class _Forking:
         read_end, write_end = os.pipe()
         child = os.fork()
         if child == 0:
+            faulthandler.disable()  # a crash of this process is an answer, and no news
             os.dup2(write_end, 1)
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             code = 1
