@@ -100,6 +100,16 @@ def test_geometry_and_shape_model_need_no_pytorch():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_a_run_asks_for_its_team_without_pytorch():
+    code = (
+        "import sys\n"
+        "from ssm_pipeline.training.team import team_of_torchrun\n"
+        "with team_of_torchrun() as team:\n"
+        "    assert team.leads and 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_the_package_and_the_command_line_import_nothing_heavy():
     code = (
         "import sys, ssm_pipeline, ssm_pipeline.cli\n"

@@ -43,11 +43,12 @@ def run(
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
     from ssm_pipeline.training.team import team_of_torchrun
-    from ssm_pipeline.training.train import follow
 
     terminal = Terminal()
     with team_of_torchrun() as team:
         if not team.leads:
+            from ssm_pipeline.training.train import follow
+
             follow(team)
             return
         seeds = [f"seed={seed}"] if seed is not None else []

@@ -5,6 +5,7 @@
 The first leads: it does all else, and writes. The others follow: they wait for a training and do
 their part of each step. Gradients are added up on the CPU (gloo), whatever the device: the networks
 have few weights, and a step takes a hundred times as long. Who has no part in it, trains alone.
+PyTorch is imported by what needs it: a run asks for its team before anything is known of it.
 """
 
 from __future__ import annotations
@@ -14,16 +15,14 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
-
-import torch
-import torch.distributed as dist
+from typing import TYPE_CHECKING, Any
 
 from ssm_pipeline.records import StudyError
 
-WAIT = datetime.timedelta(
-    days=30
-)  # a leader may be at other work for long; one that dies is noticed
+if TYPE_CHECKING:
+    import torch
+
+WAIT = datetime.timedelta(days=30)  # a leader may be long at other work; one that dies is noticed
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,8 @@ class Team:
     @staticmethod
     def here() -> Team:
         """Of the processes that `torchrun` started and `team_of_torchrun` joined; else alone."""
+        import torch.distributed as dist
+
         if not (dist.is_available() and dist.is_initialized()):
             return Team()
         return Team(dist.get_rank(), dist.get_world_size())
@@ -60,10 +61,14 @@ class Team:
     def call(self, work: Mapping[str, Any] | None) -> None:
         """Tell the followers what to train; None: that nothing comes any more."""
         if self.size > 1 and self.leads:
+            import torch.distributed as dist
+
             dist.broadcast_object_list([work])
 
     def await_call(self) -> Any:
         """What the leader called for, in a follower."""
+        import torch.distributed as dist
+
         received: list[Any] = [None]
         with _loss_of_others_said():
             dist.broadcast_object_list(received)
@@ -73,6 +78,9 @@ class Team:
         """Make each tensor the sum of all processes' own, in place."""
         if self.size == 1:
             return
+        import torch
+        import torch.distributed as dist
+
         flat = torch.cat([tensor.detach().flatten().cpu() for tensor in tensors])
         with _loss_of_others_said():
             dist.all_reduce(flat)
@@ -87,6 +95,8 @@ def team_of_torchrun() -> Iterator[Team]:
     if "TORCHELASTIC_RUN_ID" not in os.environ or os.environ["WORLD_SIZE"] == "1":
         yield Team()
         return
+    import torch.distributed as dist
+
     dist.init_process_group("gloo", timeout=WAIT)
     team = Team.here()
     try:
