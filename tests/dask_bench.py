@@ -7,7 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -43,6 +46,22 @@ class DaskBench:
         except ProcessLookupError:
             pass
         process.wait()
+
+    @contextmanager
+    def killed_when(
+        self, process: subprocess.Popen[bytes], is_time: Callable[[], bool]
+    ) -> Iterator[None]:
+        """The block goes on beside it, and ends no earlier than the process."""
+
+        def kill() -> None:
+            while not is_time():
+                time.sleep(0.05)
+            self.kill(process)
+
+        killer = threading.Thread(target=kill, daemon=True)
+        killer.start()
+        yield
+        killer.join()
 
     def _start(self, kind: str, *words: str, paths: str = PATHS) -> subprocess.Popen[bytes]:
         place = ["--scheduler-file", str(self.folder / "scheduler.json"), "--no-dashboard"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -106,17 +105,9 @@ def test_a_scheduler_that_is_gone_ends_the_run_with_what_to_do(tmp_path: Path):
     with DaskBench(tmp_path / "dask", workers=1) as dask, connected(dask.address) as client:
         begun = tmp_path / "begun"
         work = partial(hold, begun, tmp_path / "ended", 60.0)
-
-        def end_scheduler() -> None:
-            while not begun.exists():
-                time.sleep(0.1)
-            dask.kill(dask.scheduler)
-
-        killer = threading.Thread(target=end_scheduler)
-        killer.start()
-        with pytest.raises(StudyError, match="the scheduler is gone"):
-            map_cases([CaseTask("a", "key", work)], tmp_path / "stage", DaskCluster(client))
-        killer.join()
+        with dask.killed_when(dask.scheduler, begun.exists):
+            with pytest.raises(StudyError, match="the scheduler is gone"):
+                map_cases([CaseTask("a", "key", work)], tmp_path / "stage", DaskCluster(client))
 
 
 def test_no_scheduler_no_worker_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workflow):
@@ -151,19 +142,10 @@ def test_workers_that_are_all_lost_end_the_run_after_a_while(tmp_path: Path, ben
     with DaskBench(tmp_path / "dask", workers=1) as dask, connected(dask.address) as client:
         begun = tmp_path / "begun"
         work = partial(hold, begun, tmp_path / "ended", 60.0)
-
-        def end_worker() -> None:
-            while not begun.exists():
-                time.sleep(0.1)
-            dask.kill(dask.workers[0])
-
-        killer = threading.Thread(target=end_worker)
-        killer.start()
-        with pytest.raises(StudyError, match="no worker left"):
-            map_cases(
-                [CaseTask("a", "key", work)], tmp_path / "stage", DaskCluster(client, wait_s=2.0)
-            )
-        killer.join()
+        workers = DaskCluster(client, wait_s=2.0)
+        with dask.killed_when(dask.workers[0], begun.exists):
+            with pytest.raises(StudyError, match="no worker left"):
+                map_cases([CaseTask("a", "key", work)], tmp_path / "stage", workers)
 
 
 def test_a_worker_without_the_program_is_named(tmp_path: Path, bench: Bench):

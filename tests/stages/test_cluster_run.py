@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -27,23 +25,19 @@ def test_a_run_on_a_cluster_that_loses_a_worker_leaves_the_bytes_of_one_machine(
 ):
     runs, terminal = tmp_path / "runs", Terminal()
     (tmp_path / "dask").mkdir()
-    killed: list[float] = []
+    settings = tiny_settings(tiny_run.parent.parent / "masks")
+
+    def is_in_the_midst_of_a_stage() -> bool:
+        return any(
+            event["event"] == "case" and event["stage"] == "spectral"
+            for event in read_events(runs / NAME)
+        )
+
     with DaskBench(tmp_path / "dask") as dask, cluster_at(dask.address, terminal) as workers:
-
-        def kill_one() -> None:
-            """The worker and its nanny, so that it does not come back, in the midst of a stage."""
-            while not any(event["event"] == "case" and event["stage"] == "spectral"
-                          for event in read_events(runs / NAME)):  # fmt: skip
-                time.sleep(0.05)
-            dask.kill(dask.workers[0])
-            killed.append(time.monotonic())
-
-        killer = threading.Thread(target=kill_one)
-        killer.start()
-        settings = tiny_settings(tiny_run.parent.parent / "masks")
-        run_study(NAME, settings, RunOptions(runs, cluster=workers), terminal)
-        killer.join()
-    assert killed
+        # The worker and its nanny, so that it does not come back.
+        with dask.killed_when(dask.workers[0], is_in_the_midst_of_a_stage):
+            run_study(NAME, settings, RunOptions(runs, cluster=workers), terminal)
+        assert dask.workers[0].poll() is not None
     ours, theirs = (without_machine(results_in(run)) for run in (runs / NAME, tiny_run))
     assert [name for name in theirs if ours.get(name) != theirs[name]] == []
     assert ours.keys() == theirs.keys()
