@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:  # at run time inside the function: a command line imports nothing heavy
+    from ssm_pipeline.engine.runner import RunOptions
 
 app = typer.Typer(
     help="From CT or MR segmentation masks to a statistical shape model.",
@@ -56,3 +59,11 @@ def _options(
     ] = False,
 ) -> None:
     """`main` takes --debug out of the line, wherever it stands."""
+
+
+def run_options(runs: Path, device: str | None, jobs: int | None, **more: Any) -> RunOptions:
+    """`RunOptions`, where a command's line does not say it as this machine offers."""
+    from ssm_pipeline.engine.process import chosen_device, default_jobs
+    from ssm_pipeline.engine.runner import RunOptions
+
+    return RunOptions(runs, chosen_device(device), jobs or default_jobs(), **more)

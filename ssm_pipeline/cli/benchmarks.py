@@ -15,6 +15,7 @@ from ssm_pipeline.cli.app import (
     RunsFolder,
     StudyName,
     app,
+    run_options,
 )
 
 benchmark = typer.Typer(help="Measure the method where the truth is known.", no_args_is_help=True)
@@ -34,13 +35,11 @@ def phantoms(
     """The whole pipeline on synthetic organs with known truth, as scanned and turned."""
     from data_prep.phantom_seeds import DEVELOPMENT, REPORTED
     from ssm_pipeline.commands.phantom_benchmark import run_phantom_benchmark
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study("phantoms", None, changes or [])
-    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    options = run_options(runs, device, jobs)
     terminal = Terminal()
     seeds = REPORTED if reported else DEVELOPMENT
     methods, modes = run_phantom_benchmark(chosen.settings, options, terminal, seeds)
@@ -68,8 +67,6 @@ def results(
 ) -> None:
     """Every number of the results page, with seed, commit, machine and minutes; part by part."""
     from ssm_pipeline.commands.results import make_results
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.records import StudyError
 
@@ -79,7 +76,7 @@ def results(
         if not equals:
             raise StudyError(f"--data {word}: a name and a folder are needed, as lungs=FOLDER.")
         folders[name] = Path(place)
-    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    options = run_options(runs, device, jobs)
     terminal = Terminal()
     made = make_results(folder, folders, options, terminal, only or [], changes or [])
     terminal.say(f"{', '.join(made) or 'nothing'}: {folder / 'results.json'}")
@@ -96,13 +93,11 @@ def training(
 ) -> None:
     """What training brings a study: few and many steps, from built-in and from fresh weights."""
     from ssm_pipeline.commands.training_curve import run_training_curve
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study(study, data, changes or [])
-    options = RunOptions(runs, chosen_device(device), jobs or default_jobs())
+    options = run_options(runs, device, jobs)
     terminal = Terminal()
     _, table = run_training_curve(chosen.name, chosen.settings, options, terminal)
     terminal.say(table.round(3).to_string(index=False))
@@ -121,20 +116,19 @@ def spread(
     jobs: Jobs = None,
 ) -> None:
     """A study repeated with other seeds and other templates: how much its results vary."""
+    from ssm_pipeline import storage
     from ssm_pipeline.commands.spread import run_spread
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study(study, data, changes or [])
-    options = RunOptions(runs / "spread", chosen_device(device), jobs or default_jobs())
+    options = run_options(runs / "spread", device, jobs)
     terminal, first = Terminal(), chosen.settings.seed
     wanted = range(first, first + seeds)
     _, each, mean = run_spread(chosen.name, chosen.settings, options, terminal, wanted, templates)
     path = runs / "spread" / f"{chosen.name}-spread.csv"
-    each.to_csv(path.with_name(f"{chosen.name}-spread-runs.csv"), index=False)
-    mean.to_csv(path, index=False)
+    storage.write_table(each, path.with_name(f"{chosen.name}-spread-runs.csv"))
+    storage.write_table(mean, path)
     terminal.say(mean.round(3).to_string(index=False))
     terminal.say(f"table: {path}")
 

@@ -18,6 +18,7 @@ from ssm_pipeline.cli.app import (
     RunsFolder,
     StudyName,
     app,
+    run_options,
 )
 
 
@@ -38,8 +39,6 @@ def run(
     """Masks to shape model and report; goes on where an earlier run stopped."""
     from ssm_pipeline.commands.cluster import cluster_at
     from ssm_pipeline.commands.run_study import run_study
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_study
     from ssm_pipeline.training.team import team_of_torchrun
@@ -57,8 +56,7 @@ def run(
             team.refuse_idle(chosen.settings.training.pairs_per_step)
         chosen.announce(terminal)
         with cluster_at(cluster, terminal, memory_gb) as workers:
-            count = jobs or default_jobs()
-            options = RunOptions(runs, chosen_device(device), count, workers, memory_gb)
+            options = run_options(runs, device, jobs, cluster=workers, memory_gb=memory_gb)
             run_folder = run_study(chosen.name, chosen.settings, options, terminal)
     terminal.say(f"report: {run_folder / 'report' / 'index.html'}")
 
@@ -174,8 +172,6 @@ def evaluate(
 ) -> None:
     """Score a run's model again with other evaluation settings, and renew its report."""
     from ssm_pipeline.commands.run_study import run_study
-    from ssm_pipeline.engine.process import chosen_device, default_jobs
-    from ssm_pipeline.engine.runner import RunOptions
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.study.study import read_run_settings
 
@@ -183,7 +179,7 @@ def evaluate(
     wanted += [f"evaluation.folds={folds}"] if folds is not None else []
     wanted += ["comparison.retrain=true"] if retrain else []
     settings = read_run_settings(run_folder, [*(changes or []), *wanted])
-    options = RunOptions(run_folder.parent, chosen_device(device), jobs or default_jobs())
+    options = run_options(run_folder.parent, device, jobs)
     terminal = Terminal()
     run_study(run_folder.name, settings, options, terminal)
     terminal.say(f"tables: {run_folder / 'evaluation'}")
