@@ -140,6 +140,12 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def write_bytes(path: Path, content: memoryview) -> None:
+    """Of what a library made in memory: its own writer may not say that the disk is full."""
+    with written_whole(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_json(path: Path, content: Any) -> None:
     write_text(path, json.dumps(content, indent=2) + "\n")
 
@@ -184,12 +190,11 @@ def load(kind: type[Record], path: Path) -> Record:
         return _record(kind, path, file)
 
 
-def save_arrays(arrays: dict[str, np.ndarray], path: Path) -> None:
+def save_arrays(arrays: dict[str, np.ndarray], path: Path, compressed: bool = False) -> None:
     """An `.npz` of these arrays, which any NumPy opens without `allow_pickle`."""
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    with written_whole(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
+    (np.savez_compressed if compressed else np.savez)(buffer, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, buffer.getbuffer())
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -237,13 +242,18 @@ def _record(kind: type[Record], path: Path, file: Any) -> Record:
 def save_tables(metrics: Metrics, folder: Path) -> None:
     """One CSV a table in `folder`."""
     for name, table in metrics.tables.items():
-        with written_whole(folder / f"{name}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        write_table(table, folder / f"{name}.csv")
 
 
 def load_tables(folder: Path) -> Metrics:
     """The tables that `save_tables` wrote. Raises DamagedFile."""
     return Metrics({path.stem: read_table(path) for path in sorted(folder.glob("*.csv"))})
+
+
+def write_table(table: pd.DataFrame, path: Path, mode: int = 0o644) -> None:
+    """mode: as `written_whole`."""
+    with written_whole(path, mode) as temporary:
+        table.to_csv(temporary, index=False)
 
 
 _TEXT = {"case_id": str, "from_case_id": str, "landmark": str}

@@ -92,10 +92,10 @@ def correspond(
             TURNED: (turn.apply(template.vertices), None),
             RIGID: (rigidly_aligned(template, case, seed), None),
         } | starts
-    return _carried_onto(case, template, *_least_distorted(starts, template, case, settings, seed))
+    return _carried_onto(case, template, *_kept_start(starts, template, case, settings, seed))
 
 
-def _least_distorted(
+def _kept_start(
     starts: Starts,
     template: SpectralBasis,
     case: SpectralBasis,

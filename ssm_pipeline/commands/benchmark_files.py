@@ -85,5 +85,4 @@ def _save_array(array: np.ndarray, path: Path) -> None:
     """By way of memory: NumPy, writing an array by itself, does not say that the disk is full."""
     buffer = io.BytesIO()
     np.save(buffer, array)
-    with storage.written_whole(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
+    storage.write_bytes(path, buffer.getbuffer())

@@ -92,8 +92,7 @@ def _compare(
 def _write(table: pd.DataFrame, meshes: list[Mesh], to: Path) -> None:
     from ssm_pipeline.report.check_pictures import picture_beside
 
-    with storage.written_whole(to / "cohort_check.csv") as temporary:
-        table.to_csv(temporary, index=False)
+    storage.write_table(table, to / "cohort_check.csv")
     by_id = {mesh.case_id: mesh for mesh in meshes}
     ordinary = table.loc[table["remarks"] == "", "case_id"].tolist()
     for case_id in table.loc[table["remarks"] != "", "case_id"]:

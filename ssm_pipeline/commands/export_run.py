@@ -77,8 +77,7 @@ def _write(
         written += write_tables(model, folder)
         written.append(folder / "measurements.csv")
         table = measurements(model, case_ids, [run.mesh(case_id) for case_id in cases])
-        with storage.written_whole(written[-1]) as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, written[-1])
     if "glb" in formats:
         from ssm_pipeline.export.glb import write_glb
 

@@ -93,8 +93,7 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
         ),
     }
     for place, table in tables.items():
-        with storage.written_whole(folder / f"{place}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, folder / f"{place}.csv")
     storage.write_json(folder / "correspondence" / "template.json", {"template_id": case_ids[0]})
     storage.save(shapes, folder / "groupwise" / "shapes.npz")
     storage.save(shapes, folder / "shape_model" / "aligned.npz")

@@ -62,8 +62,7 @@ def run_matching(
         "pck": pd.concat([result.curve for result in results], ignore_index=True),
     } | interpolation_tables(paths)
     for name, table in tables.items():
-        with storage.written_whole(folder / f"{name}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, folder / f"{name}.csv")
     _say_interpolation(tables, terminal)
     _draw_curves(tables["pck"], tables["summary"], folder / "pck.png")
     return tables["summary"]

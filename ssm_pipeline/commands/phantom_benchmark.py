@@ -71,8 +71,7 @@ def run_phantom_benchmark(
     all_modes = pd.concat(modes, ignore_index=True) if modes else pd.DataFrame()
     means = _over_cohorts(methods)
     for name, table in (("benchmark", methods), ("benchmark-mean", means), ("modes", all_modes)):
-        with storage.written_whole(options.runs / f"phantom-{name}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, options.runs / f"phantom-{name}.csv")
     return means, all_modes
 
 

@@ -62,5 +62,4 @@ def _known(path: Path) -> dict[str, str]:
 
 def _write(known: dict[str, str], path: Path) -> None:
     table = pd.DataFrame({"case_id": list(known), "pseudonym": list(known.values())})
-    with storage.written_whole(path, mode=0o600) as temporary:
-        table.sort_values("pseudonym").to_csv(temporary, index=False)
+    storage.write_table(table.sort_values("pseudonym"), path, mode=0o600)

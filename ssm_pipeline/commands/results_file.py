@@ -38,8 +38,7 @@ def write_part(
     for stale in (folder / name).glob("*.csv"):
         stale.unlink()
     for table_name, table in tables.items():
-        with storage.written_whole(folder / name / f"{table_name}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, folder / name / f"{table_name}.csv")
     content = read_results(folder)
     content["parts"][name] = facts | {"tables": sorted(tables)}
     content["parts"] = dict(sorted(content["parts"].items()))

@@ -81,6 +81,5 @@ def score_s3m_epochs(
                 }
             )
     table = pd.DataFrame(rows)
-    with storage.written_whole(folder / "epochs.csv") as temporary:
-        table.to_csv(temporary, index=False)
+    storage.write_table(table, folder / "epochs.csv")
     return table

@@ -46,7 +46,7 @@ def run_spread(
         runs.append(run_study(f"{study}-seed-{seed}", changed, options, terminal))
         rows.append(_rows(runs[-1], "seed", str(seed)))
     ranked = storage.read_table(runs[0] / "training" / "template_losses.csv")
-    best = ranked.sort_values("mean_loss")["case_id"].astype(str).tolist()
+    best = ranked.sort_values("mean_loss")["case_id"].tolist()
     own = load_run(runs[0]).template_id
     rows.append(_rows(runs[0], "template", own))
     for template in [case_id for case_id in best if case_id != own][: templates - 1]:

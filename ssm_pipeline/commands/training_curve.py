@@ -70,8 +70,7 @@ def run_training_curve(
         settings = settings.model_copy(update={"template": load_run(folder).template_id})
         rows.append(_rows(folder, schedule))
     table = pd.concat(rows, ignore_index=True)
-    with storage.written_whole(options.runs / f"{study}-training.csv") as temporary:
-        table.to_csv(temporary, index=False)
+    storage.write_table(table, options.runs / f"{study}-training.csv")
     return folder, table
 
 
@@ -80,7 +79,7 @@ def _rows(folder: Path, schedule: Schedule) -> pd.DataFrame:
     tables = run.metrics.tables
     losses = folder / "training" / "losses.csv"
     of_templates = storage.read_table(folder / "training" / "template_losses.csv")
-    own = of_templates.set_index(of_templates["case_id"].astype(str)).loc[run.template_id]
+    own = of_templates.set_index("case_id").loc[run.template_id]
     rows = tables["comparison"].set_index("method")
     rows = rows[[name for name in _MEASURES if name in rows]].copy()
     if "labels_mean" in tables:

@@ -55,8 +55,7 @@ def transfer(
             ]
         written.append(folder / "landmarks.csv")
         names = ["case_id", "landmark", "left_mm", "posterior_mm", "superior_mm"]
-        with storage.written_whole(written[-1]) as temporary:
-            pd.DataFrame(rows, columns=names).to_csv(temporary, index=False)
+        storage.write_table(pd.DataFrame(rows, columns=names), written[-1])
     if labels is not None:
         of_vertices = read_vertex_labels(labels, len(shapes.template))
         for case_id, vertices in points.items():

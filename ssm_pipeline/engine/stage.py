@@ -157,8 +157,7 @@ class StageContext(Generic[S]):
         )
 
     def write_table(self, name: str, rows: Sequence[Row]) -> None:
-        with storage.written_whole(self.folder() / f"{name}.csv") as temporary:
-            pd.DataFrame(list(rows)).to_csv(temporary, index=False)
+        storage.write_table(pd.DataFrame(list(rows)), self.folder() / f"{name}.csv")
 
     def outcome(self, results: Sequence[CaseResult], note: str = "") -> Outcome:
         return Outcome(

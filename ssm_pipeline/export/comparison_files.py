@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ssm_pipeline import storage
 from ssm_pipeline.statistics.compare import ShapeComparison, VertexMap
 from ssm_pipeline.statistics.covariates import design_of
@@ -23,15 +21,13 @@ def write_comparison(result: ShapeComparison, folder: Path, model_key: str) -> N
     tables = {name: getattr(result, name) for name in TABLES}
     tables["covariates"] = result.design.covariates
     for name, table in tables.items():
-        with storage.written_whole(folder / f"{name}.csv") as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, folder / f"{name}.csv")
     arrays = {
         f"{name}_{index}": getattr(one, name)
         for index, one in enumerate(result.maps)
         for name in ARRAYS
     }
-    with storage.written_whole(folder / "vertex_maps.npz") as temporary:
-        np.savez_compressed(temporary, **arrays)
+    storage.save_arrays(arrays, folder / "vertex_maps.npz", compressed=True)
     about = {
         "formula": result.design.formula,
         "cases": len(result.design.matrix),

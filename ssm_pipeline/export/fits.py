@@ -96,8 +96,7 @@ def write_fits(fits: Sequence[FitReport], folder: Path) -> list[Path]:
     written = []
     for name, table in (("fits", summary(fits)), ("scores", scores_table(fits))):
         written.append(folder / f"{name}.csv")
-        with storage.written_whole(written[-1]) as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, written[-1])
     for fit in fits:
         written += write_fit(fit, folder / fit.case_id)
     return written

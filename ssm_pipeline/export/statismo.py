@@ -48,5 +48,4 @@ def write_statismo(model: ShapeModel, path: Path, build_time: str) -> None:
         builder["parameters/unit"] = np.bytes_("mm")
         for index, case_id in enumerate(model.case_ids):
             builder[f"dataInfo/URI_{index}"] = np.bytes_(case_id.encode())
-    with storage.written_whole(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
+    storage.write_bytes(path, buffer.getbuffer())

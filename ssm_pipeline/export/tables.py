@@ -31,6 +31,5 @@ def write_tables(model: ShapeModel, folder: Path) -> list[Path]:
     written = []
     for name, table in (("scores", scores), ("modes", modes)):
         written.append(folder / f"{name}.csv")
-        with storage.written_whole(written[-1]) as temporary:
-            table.to_csv(temporary, index=False)
+        storage.write_table(table, written[-1])
     return written

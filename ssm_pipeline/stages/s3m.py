@@ -132,8 +132,7 @@ def _trained(
             if epoch - 1 not in KEPT_EPOCHS:  # only ever the last, and those to be scored
                 path(epoch - 1).unlink(missing_ok=True)
             losses = pd.DataFrame({"epoch": range(1, epoch + 1), "loss": checkpoint.losses})
-            with storage.written_whole(folder / "losses.csv") as temporary:
-                losses.to_csv(temporary, index=False)
+            storage.write_table(losses, folder / "losses.csv")
             steps.advance_to(epoch, f"loss {checkpoint.losses[-1]:.3g}")
 
         return train_s3m(

@@ -15,7 +15,7 @@ from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.matching.soft_map import soft_maps
 from ssm_pipeline.records import DamagedFile, SpectralBasis, StudyError
-from ssm_pipeline.storage import written_whole
+from ssm_pipeline.storage import write_bytes
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.packed_weights import pack, unpack
 from ssm_pipeline.training.settings import TrainingSettings
@@ -124,8 +124,7 @@ def save_tensors(content: dict[str, Any], path: Path) -> None:
     """Whole or not at all; only tensors and plain values, so that it loads without pickle code."""
     buffer = io.BytesIO()  # torch's own writer hides why a disk refuses
     torch.save(content, buffer)
-    with written_whole(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
+    write_bytes(path, buffer.getbuffer())
 
 
 def load_tensors(path: Path, device: str = "cpu") -> dict[str, Any]:
