@@ -50,7 +50,7 @@ def lung_family() -> PhantomFamily:
         modes=tuple(_Shifted(mode) for mode in _MODES),
         border=fissure,
         pivot=CENTRE * [0, 1, 1],
-        residual_mm=3.5,
+        residual_mm=4.0,
         residual_widths_mm=(30.0, 16.0),
         in_plane_mm=(0.9, 1.3),
         slice_mm=(1.25, 3.0),
@@ -73,15 +73,15 @@ class _Shifted:
 
 def _growth(points: np.ndarray) -> np.ndarray:
     """Larger or smaller as a whole, the taller the more: the affine part of what varies."""
-    return points * [0.016, 0.016, 0.025]
+    return points * [0.008, 0.008, 0.013]
 
 
 _MODES: tuple[Velocity, ...] = (
     _growth,
     Push((-15.0, -50.0, -55.0), (34.0, 34.0, 40.0), (14.0, 10.0, 2.0)),  # depth of cardiac notch
-    Push((-10.0, 0.0, -85.0), (38.0, 42.0, 34.0), (0.0, 0.0, 17.0)),  # curvature of the base
-    Push((8.0, 70.0, -125.0), (48.0, 34.0, 30.0), (0.0, 3.0, -16.0)),  # costophrenic edge, behind
-    Push((48.0, -10.0, -115.0), (26.0, 48.0, 30.0), (2.0, 0.0, -13.0)),  # and at the side
+    Push((-10.0, 0.0, -85.0), (38.0, 42.0, 34.0), (0.0, 0.0, 13.0)),  # curvature of the base
+    Push((8.0, 70.0, -125.0), (48.0, 34.0, 30.0), (0.0, 3.0, -13.0)),  # costophrenic edge, behind
+    Push((48.0, -10.0, -115.0), (26.0, 48.0, 30.0), (2.0, 0.0, -11.0)),  # and at the side
     Push((-35.0, 8.0, 125.0), (36.0, 36.0, 34.0), (-7.0, 10.0, 5.0)),  # lean of the apex
     Swell((-30.0, 8.0, 105.0), (40.0, 40.0, 34.0), 0.22),  # a wide or a pointed apex
     Push((-45.0, -75.0, 25.0), (30.0, 30.0, 48.0), (-13.0, -3.0, 0.0)),  # anterior edge

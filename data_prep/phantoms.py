@@ -20,7 +20,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.geometry.affine import affine_share
 from ssm_pipeline.records import Cohort, PhantomTruth, StudyError
 
-GENERATOR_VERSION = 2  # raise it when the same settings give other phantoms
+GENERATOR_VERSION = 3  # raise it when the same settings give other phantoms
 _SETTINGS_FILE, _TRUTH_FILE = "phantoms.json", "truth.npz"
 
 
