@@ -37,7 +37,7 @@ def pretrain(
 
     settings = pretraining_settings(features, steps)
     terminal.say("drawing the shapes …")
-    meshes, families = pretraining_shapes()
+    meshes, families = pretraining_shapes(features)
     spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
     bases = []
     with terminal.steps("spectral bases", len(meshes)) as progress:

@@ -17,7 +17,8 @@ from ssm_pipeline.training.start import refuse_other_networks
 def test_what_it_writes_can_be_started_from(features, tmp_path, monkeypatch):
     shapes = [blob(seed, faces=1000) for seed in (1, 2, 3, 4)]
     families = ["a", "a", "b", "b"]
-    monkeypatch.setattr(data_prep.pretraining, "pretraining_shapes", lambda: (shapes, families))
+    drawn = (shapes, families)
+    monkeypatch.setattr(data_prep.pretraining, "pretraining_shapes", lambda features: drawn)
     path = tmp_path / "weights" / "matcher.pt"
     pretrain(features, 2, path, "cpu", Terminal())
     matcher = load_matcher(path)
