@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from data_prep.phantom_seeds import DEVELOPMENT
@@ -17,6 +18,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.evaluation.paired import holm, over_cases
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import StudySettings
@@ -43,13 +45,16 @@ def run_phantom_benchmark(
     template → case pairs, √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and
     specificity_mm (Chamfer, all modes), variance_kept_percent, and, of phantoms with labels,
     labels_disagree_percent and labels_border_mm. phantom-benchmark-mean.csv, the first table
-    returned: means over the cohorts, each with its standard deviation between cohorts (`…_sd`).
-    phantom-modes.csv, the second: as `phantom_truth.recovered_modes`.
+    returned: means over the cohorts, each with its standard deviation between cohorts (`…_sd`), and
+    the error's difference to `full`, all cases of all cohorts together, as
+    geodesic_mm_difference, its 95 % interval …_low and …_high (paired bootstrap over the cases) and
+    …_p (Holm's correction for the methods). phantom-modes.csv, the second: as
+    `phantom_truth.recovered_modes`.
     """
     if not isinstance(settings.data, PhantomData):
         raise StudyError("the phantom benchmark needs phantoms: set data.source to phantoms.")
     family = settings.data.family
-    rows, modes = [], []
+    rows, errors, modes = [], [], []
     for pose in poses:
         for seed in seeds:
             change = {"max_rotation_deg": POSES[pose], "seed": seed}
@@ -65,11 +70,15 @@ def run_phantom_benchmark(
             where = {"family": family, "pose": pose, "cohort": seed}
             where["affine_percent"] = _affine_percent(folder)
             rows += [where | row for row in _rows(tables)]
+            case_ids = f"{seed}/" + tables["truth"]["case_id"]
+            errors.append(tables["truth"].assign(family=family, pose=pose, case_id=case_ids))
             if "recovered_modes" in tables:  # not where size is removed, which changes the modes
                 modes.append(tables["recovered_modes"].assign(**where))
     methods = pd.DataFrame(rows)
     all_modes = pd.concat(modes, ignore_index=True) if modes else pd.DataFrame()
-    means = _over_cohorts(methods)
+    draws = settings.evaluation.bootstrap_draws
+    differences = _to_full(pd.concat(errors, ignore_index=True), draws)
+    means = _over_cohorts(methods).merge(differences, on=_KEYS, how="left", validate="1:1")
     for name, table in (("benchmark", methods), ("benchmark-mean", means), ("modes", all_modes)):
         storage.write_table(table, options.runs / f"phantom-{name}.csv")
     return means, all_modes
@@ -110,3 +119,35 @@ def _over_cohorts(methods: pd.DataFrame) -> pd.DataFrame:
         table[name] = grouped[name].mean()
         table[f"{name}_sd"] = grouped[name].std()
     return table.reset_index()
+
+
+def _to_full(errors: pd.DataFrame, draws: int) -> pd.DataFrame:
+    """Of every family, pose and method: by how much its error differs from `full`'s.
+
+    On the cases that both score: a method that has a template of its own scores others.
+    """
+    tables = []
+    for (family, pose), group in errors.groupby(["family", "pose"], sort=False):
+        full = group[group["method"] == "full"]
+        found = {
+            method: over_cases(
+                own[own["case_id"].isin(full["case_id"])],
+                full,
+                "geodesic_mm",
+                draws,
+                np.random.default_rng(0),
+            )
+            for method, own in group.groupby("method", sort=False)
+            if method not in ("full", "true correspondence")
+        }
+        table = pd.DataFrame(
+            {
+                "method": list(found),
+                "geodesic_mm_difference": [d.value for d in found.values()],
+                "geodesic_mm_low": [d.low for d in found.values()],
+                "geodesic_mm_high": [d.high for d in found.values()],
+                "geodesic_mm_p": holm([d.p for d in found.values()]),
+            }
+        )
+        tables.append(table.assign(family=family, pose=pose))
+    return pd.concat(tables, ignore_index=True)

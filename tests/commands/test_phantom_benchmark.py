@@ -100,6 +100,15 @@ def test_every_cohort_as_scanned_and_turned(
     assert (table["affine_percent"] > 80).all()  # of the smooth family
     assert means["cohorts"].tolist() == [2] * 6
     assert (means["geodesic_mm_sd"] == 0).all()  # the same run stands for both
+    rivals = means.set_index("method").loc["S3M"]
+    errors = load_run(folder).metrics.tables["truth"]
+    errors = errors.pivot(index="case_id", columns="method", values="geodesic_mm").dropna()
+    difference = (errors["S3M"] - errors["full"]).mean()  # of the cases that both score
+    assert rivals["geodesic_mm_difference"].to_numpy() == pytest.approx(difference)
+    assert (rivals["geodesic_mm_low"] <= rivals["geodesic_mm_difference"]).all()
+    assert (rivals["geodesic_mm_difference"] <= rivals["geodesic_mm_high"]).all()
+    compared = means.dropna(subset="geodesic_mm_p")
+    assert set(compared["method"]) == {"S3M"}
     assert modes["mode"].tolist() == [1, 2] * 4
     comparison = load_run(folder).metrics.tables["comparison"].set_index("method")
     row = means.set_index(["pose", "method"]).loc[("turned", "full")]
