@@ -34,8 +34,8 @@ def is_dicom_seg(path: Path) -> bool:
         return False
 
 
-def read_dicom_segments(path: Path, case_id: str) -> dict[str, tuple[LabelImage, int]]:
-    """Label → an image and the value that the segment has in it, for every segment.
+def read_dicom_segments(path: Path, case_id: str) -> list[tuple[str, LabelImage, int]]:
+    """Of every segment its label, an image, and the value that it has in it.
 
     Frames without a voxel of any segment are mostly left out of such files; an empty slice is
     put at both ends, so whether the organ was cut off there can't be known.
@@ -45,10 +45,10 @@ def read_dicom_segments(path: Path, case_id: str) -> dict[str, tuple[LabelImage,
 
     try:
         segmentation = highdicom.seg.segread(path)
-        labels = {
-            number: str(segmentation.get_segment_description(number).segment_label)
+        labels = [
+            str(segmentation.get_segment_description(number).segment_label)
             for number in segmentation.segment_numbers
-        }
+        ]
         geometry = segmentation.get_volume_geometry()
         if geometry is not None and geometry.spatial_shape[0] > MOST_SLICES:
             raise ValueError(f"its frames span {geometry.spatial_shape[0]} slices")
@@ -64,7 +64,7 @@ def read_dicom_segments(path: Path, case_id: str) -> dict[str, tuple[LabelImage,
     affine = np.asarray(volume.affine)[:, [2, 1, 0, 3]]
     affine[:, 3] -= affine[:, 2]
     array = np.pad(np.asarray(volume.array), ((1, 1), (0, 0), (0, 0), (0, 0)))
-    return {
-        label: (place(array[..., position], affine, case_id), 1)
-        for position, label in enumerate(labels.values())
-    }
+    return [
+        (label, place(array[..., position], affine, case_id), 1)
+        for position, label in enumerate(labels)
+    ]

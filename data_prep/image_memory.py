@@ -11,7 +11,7 @@ import SimpleITK as sitk
 from ssm_pipeline.records import StudyError
 
 # SimpleITK's image and NumPy's copy of it; beside them masks of a byte a voxel, whose pieces are
-# numbered. Never less than what was measured on organs that fill their image.
+# numbered. About what was measured on organs that fill their image.
 COPIES, MORE_BYTES = 2, 8
 
 

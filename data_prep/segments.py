@@ -15,7 +15,7 @@ from data_prep.image_files import check_voxels, image_suffix, is_image
 from data_prep.images import LabelImage, organ_mask, read_image, select_labels
 from ssm_pipeline.records import CaseError, Mask
 
-Segments = dict[str, tuple[LabelImage, int]]  # name → an image and the segment's value in it
+Segments = list[tuple[str, LabelImage, int]]  # name, an image, and the segment's value in it
 
 
 def is_segmentation(path: Path) -> bool:
@@ -41,7 +41,8 @@ def read_segments(
     overlap, the first.
 
     threshold  for fractional DICOM SEG: a voxel above it is organ.
-    Raises     CaseError for a damaged file, one without names, or a segment that is not there.
+    Raises     CaseError for a damaged file, one without names, and a segment that is not there or
+               there twice.
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
@@ -49,7 +50,7 @@ def read_segments(
         segments = read_dicom_segments(path, case_id)
     else:
         segments = read_slicer_segments(path, case_id)
-    chosen = [segments[_match(name, segments, path, case_id)] for name in names]
+    chosen = [_match(name, segments, path, case_id) for name in names]
     masks = [
         select_labels(image, (value,), name, threshold=threshold)
         for name, (image, value) in zip(names, chosen, strict=True)
@@ -78,7 +79,7 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
     check_voxels(path, case_id, array)
     if array.ndim == 3:  # one layer: segments that don't overlap
         array = array[..., None]
-    segments: Segments = {}
+    segments: Segments = []
     for key in sorted(image.GetMetaDataKeys()):
         if not re.fullmatch("Segment[0-9]+_Name", key):
             continue
@@ -96,7 +97,7 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
             case_id,
         )
         name = image.GetMetaData(key).encode(errors="replace").decode()  # may be no UTF-8
-        segments[name.strip()] = (labels, value)
+        segments.append((name.strip(), labels, value))
     if not segments:
         raise CaseError(
             case_id,
@@ -111,15 +112,21 @@ def _number(image: sitk.Image, key: str, least: int) -> int:
     return int(text) if text.isdigit() else least
 
 
-def _match(name: str, segments: Segments, path: Path, case_id: str) -> str:
-    if name in segments:
-        return name
-    same = [known for known in segments if known.casefold() == name.casefold()]
-    if len(same) == 1:
-        return same[0]
-    near = difflib.get_close_matches(name, segments, n=1)
+def _match(name: str, segments: Segments, path: Path, case_id: str) -> tuple[LabelImage, int]:
+    """The one segment of that name, in upper or lower case if none has it exactly so."""
+    exact = [segment for segment in segments if segment[0] == name]
+    found = exact or [s for s in segments if s[0].casefold() == name.casefold()]
+    if len(found) == 1:
+        return found[0][1:]
+    if found:
+        raise CaseError(
+            case_id,
+            f"{path.name} has {len(found)} segments named {name}, and which is meant can't be "
+            "known. Give each a name of its own, and ask for one of them, or for several.",
+        )
+    known = sorted({segment[0] for segment in segments})
+    near = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {near[0]}?" if near else ""
     raise CaseError(
-        case_id,
-        f"{path.name} has no segment {name}; it has {', '.join(sorted(segments))}.{hint}",
+        case_id, f"{path.name} has no segment {name}; it has {', '.join(known)}.{hint}"
     )

@@ -129,6 +129,13 @@ def test_init_refuses(
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.parametrize("name", ["..", ".", "a/b", "../a"])
+def test_init_writes_into_this_folder_alone(workflow: Workflow, sphere_masks: Path, name: str):
+    result = workflow("init", name, "--masks", str(sphere_masks), "--label", "3")
+    assert result.code == 1
+    assert f"{name} is not a plain name" in result.stderr
+
+
 def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_masks: Path):
     workflow("init", "balls", "--masks", str(sphere_masks), "--label", "4")
     checked = workflow("check", "balls")

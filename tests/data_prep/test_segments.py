@@ -66,6 +66,19 @@ def test_a_name_that_is_not_there(tmp_path: Path, kind: str) -> None:
         read_segments(path, ("livr",), "a")
 
 
+@pytest.mark.parametrize("kind", ["seg.nrrd", "dicom"])
+def test_a_name_that_is_there_twice(tmp_path: Path, kind: str) -> None:
+    """Which of the two is meant can't be known: neither is taken in silence."""
+    mask, segments = two_organs()
+    named = {"Liver": segments["liver"], "LIVER": segments["Left spleen"], "liver 2": mask.voxels}
+    path = write(kind, tmp_path, mask, named)
+    with pytest.raises(CaseError, match=r"case a: .*has 2 segments named liver, and which"):
+        read_segments(path, ("liver",), "a")
+    own = points_of(dataclasses.replace(mask, voxels=segments["liver"]))
+    assert len(points_of(read_segments(path, ("Liver",), "a"))) == len(own)  # exactly so: one
+    assert read_segments(path, ("liver 2",), "a").voxels.any()  # other names are as good as ever
+
+
 def test_one_layer_of_two_labels(tmp_path: Path) -> None:
     """3D Slicer puts segments that don't overlap into one layer, by value."""
     labels = np.zeros((12, 12, 12), np.uint8)
