@@ -34,6 +34,7 @@ QUOTED = (
     "comparison",
     "comparison_95",
     "fit",
+    "interpolation",
     "labels_mean",
     "landmarks_mean",
     "left_out",
