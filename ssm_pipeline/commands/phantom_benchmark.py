@@ -19,6 +19,7 @@ from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.evaluation.paired import holm, over_cases
+from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import StudySettings
@@ -128,7 +129,7 @@ def _to_full(errors: pd.DataFrame, draws: int) -> pd.DataFrame:
     """
     tables = []
     for (family, pose), group in errors.groupby(["family", "pose"], sort=False):
-        full = group[group["method"] == "full"]
+        full = group[group["method"] == FULL]
         found = {
             method: over_cases(
                 own[own["case_id"].isin(full["case_id"])],
@@ -138,7 +139,7 @@ def _to_full(errors: pd.DataFrame, draws: int) -> pd.DataFrame:
                 np.random.default_rng(0),
             )
             for method, own in group.groupby("method", sort=False)
-            if method not in ("full", "true correspondence")
+            if method not in (FULL, TRUTH)
         }
         table = pd.DataFrame(
             {
