@@ -22,6 +22,8 @@ from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
+DRAWS_AT_ONCE = 100  # 16 000 points of each and a tree of them: 40 MB
+
 
 def specificity(
     model: ShapeModel,
@@ -136,37 +138,79 @@ def nearest_chamfer(
     nearest first.
     """
     size = draws.shape[1]
-    screens = [even_subset(size, screening_points // 4), even_subset(size, screening_points)]
-    asked = even_subset(size, asked_points or size)
-    nearest, left = np.empty(len(draws)), []
-    for index, points in enumerate(draws):
-        draw, kept = PointTarget.of(points), np.arange(len(targets))
-        for subset in screens:
-            estimate, error = estimates(draw, [targets[int(t)] for t in kept], subset)
-            margin = screening_errors * error
-            best = estimate.argmin()
-            possible = estimate - margin <= estimate[best] + margin[best]
-            kept, bound, estimate = (v[possible] for v in (kept, estimate - margin, estimate))
-        order = estimate.argsort()
-        left.append(kept[order])
-        distance = np.inf
-        for target, lowest in zip(kept[order], bound[order], strict=True):
-            if lowest <= distance:
-                distance = min(distance, float(estimates(draw, [targets[target]], asked)[0][0]))
-        nearest[index] = distance
-    return nearest, left
+    subsets = [
+        even_subset(size, count)
+        for count in (screening_points // 4, screening_points, asked_points or size)
+    ]
+    blocks = [
+        _nearest_in_block(draws[first : first + DRAWS_AT_ONCE], targets, subsets, screening_errors)
+        for first in range(0, len(draws), DRAWS_AT_ONCE)
+    ]
+    return np.concatenate([block[0] for block in blocks]), [
+        kept for _, left in blocks for kept in left
+    ]
+
+
+def _nearest_in_block(
+    draws: np.ndarray,
+    targets: Sequence[PointTarget],
+    subsets: Sequence[np.ndarray],
+    screening_errors: float,
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """`nearest_chamfer` of a few draws, whose k-d trees are held at once."""
+    *screens, asked = subsets
+    shapes = [PointTarget.of(points) for points in draws]
+    draw, target = np.divmod(np.arange(len(shapes) * len(targets)), len(targets))
+    for subset in screens:
+        estimate, error = pair_estimates(shapes, targets, draw, target, subset)
+        margin = screening_errors * error
+        by_estimate = np.lexsort((estimate, draw))
+        best = by_estimate[np.flatnonzero(np.diff(draw, prepend=-1))]  # one a draw, in their order
+        possible = estimate - margin <= (estimate + margin)[best][draw]
+        bound = estimate - margin
+        draw, target, bound, estimate = (v[possible] for v in (draw, target, bound, estimate))
+    order = np.lexsort((estimate, draw))
+    draw, target, bound = draw[order], target[order], bound[order]
+    starts = np.flatnonzero(np.diff(draw, prepend=-1))
+    rank = np.arange(len(draw)) - starts[draw]
+    nearest = np.full(len(shapes), np.inf)
+    for place in range(rank.max() + 1):
+        asked_for = (rank == place) & (bound <= nearest[draw])
+        of = draw[asked_for]
+        distance, _ = pair_estimates(shapes, targets, of, target[asked_for], asked)
+        nearest[of] = np.minimum(nearest[of], distance)
+    return nearest, np.split(target, starts[1:])
+
+
+def pair_estimates(
+    draws: Sequence[PointTarget],
+    targets: Sequence[PointTarget],
+    draw: np.ndarray,
+    target: np.ndarray,
+    subset: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of pairs draw (K,) and target (K,), (K,) Chamfer distances from a subset of the points, and
+    their standard errors."""
+    out, back = (np.empty((len(draw), len(subset)), dtype=np.float32) for _ in range(2))
+    # All that is asked of a tree is asked at once: a tree that was not asked for a while is cold.
+    for number in np.unique(target):
+        pairs = np.flatnonzero(target == number)
+        asked = np.concatenate([draws[n].points[subset] for n in draw[pairs]])
+        out[pairs] = targets[number].distances_to(asked).reshape(len(pairs), -1)
+    for number in np.unique(draw):
+        pairs = np.flatnonzero(draw == number)
+        asked = np.concatenate([targets[n].points[subset] for n in target[pairs]])
+        back[pairs] = draws[number].distances_to(asked).reshape(len(pairs), -1)
+    estimate = 0.5 * (out.mean(axis=1) + back.mean(axis=1))
+    return estimate, 0.5 * np.sqrt((out.var(axis=1) + back.var(axis=1)) / len(subset))
 
 
 def estimates(
     draw: PointTarget, targets: Sequence[PointTarget], subset: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) Chamfer distances from a subset of the points, and their standard errors."""
-    asked = draw.points[subset]
-    out = np.stack([target.distances_to(asked) for target in targets])
-    back = draw.distances_to(np.concatenate([target.points[subset] for target in targets]))
-    back = back.reshape(out.shape)
-    estimate = 0.5 * (out.mean(axis=1) + back.mean(axis=1))
-    return estimate, 0.5 * np.sqrt((out.var(axis=1) + back.var(axis=1)) / len(subset))
+    """`pair_estimates` of one draw and every target (T,)."""
+    every = np.arange(len(targets))
+    return pair_estimates([draw], targets, np.zeros_like(every), every, subset)
 
 
 def even_subset(size: int, count: int) -> np.ndarray:
