@@ -61,7 +61,13 @@ def score_s3m_epochs(
         for method, own in (("S3M", published), ("S3M tuned", published.tuned())):
             terminal.say(f"{method}, {epoch} epochs")
             match = match_s3m(
-                aligned, trained, own, settings.seed, torch.device(device), lambda *step: None
+                aligned,
+                trained,
+                own,
+                settings.seed,
+                torch.device(device),
+                lambda *step: None,
+                jobs=jobs,
             )
             scores = evaluate_method(method, match.points, aligned, scoring).tables
             modes = int(scores["generalisation"]["modes"].max())

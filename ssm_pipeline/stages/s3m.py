@@ -62,6 +62,7 @@ def s3m_shapes(
                 torch.device(context.device),
                 lambda phase, done, of: steps.advance_to(done),
                 seen,
+                context.jobs,
             )
         points = zip(frames, match.points.vertices, strict=True)
         own = np.stack([frame.apply(shape) for frame, shape in points])

@@ -169,6 +169,13 @@ def test_the_reference_is_one_of_the_cases_seen() -> None:
         assert len(match.points.vertices) == 3
 
 
+def test_two_processes_match_as_one_does() -> None:
+    meshes = [organ(s, f"case{s}") for s in (0.7, 1.0, 1.3)]
+    trained = train_s3m(meshes, SMALL, 0, CPU, ignore)
+    one, two = (match_s3m(meshes, trained, SMALL, 0, CPU, ignore, jobs=jobs) for jobs in (1, 2))
+    assert np.array_equal(one.points.vertices, two.points.vertices)
+
+
 def test_bad_input_is_named() -> None:
     with pytest.raises(StudyError, match="at least 2 cases; 1 given"):
         run_s3m([organ(1.0, "a")], SMALL, 0)
@@ -180,5 +187,7 @@ def test_bad_input_is_named() -> None:
         np.concatenate([one.faces, one.faces + len(one.vertices)]),
         "two",
     )
-    with pytest.raises(CaseError, match="case two: the surface is in several pieces"):
-        run_s3m([one, apart], SMALL, 0)
+    trained = train_s3m([one, apart], SMALL, 0, CPU, ignore)
+    for jobs in (1, 2):
+        with pytest.raises(CaseError, match="case two: the surface is in several pieces"):
+            match_s3m([one, apart], trained, SMALL, 0, CPU, ignore, jobs=jobs)

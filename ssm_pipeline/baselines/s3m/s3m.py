@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+import joblib
 import numpy as np
 import torch
 
@@ -99,10 +100,12 @@ def match_s3m(
     device: torch.device,
     on_progress: Progress,
     seen: Collection[str] | None = None,
+    jobs: int = 1,
 ) -> S3MMatch:
     """Put the meshes into correspondence by a trained network.
 
     seen  the cases that the reference is chosen among; None: all.
+    jobs  processes, a case each at a time; the result does not depend on it.
     Raises as `train_s3m`, and CaseError for a mesh that is not in one piece.
     """
     inputs = _inputs(meshes, settings)
@@ -115,20 +118,23 @@ def match_s3m(
     template = int(np.where(among, template_losses, np.inf).argmin())
     points = np.empty((len(meshes), settings.points, 3))
     stds = _kernel_stds(meshes, settings)
-    template_geodesics = _geodesics(meshes[template], samples[template])
-    for case, (mesh, sample) in enumerate(zip(meshes, samples, strict=True)):
-        case_to_template = nearest_in_spectrum(
-            C[template, case],
-            samples[template].eigenvectors.cpu().numpy(),
-            sample.eigenvectors.cpu().numpy(),
+    template_geodesics = _geodesics(meshes[template], samples[template].vertices) / stds[template]
+    eigenvectors = [sample.eigenvectors.cpu().numpy() for sample in samples]
+    tasks = (
+        joblib.delayed(_order_of_template)(
+            nearest_in_spectrum(C[template, case], eigenvectors[template], eigenvectors[case]),
+            template_geodesics,
+            mesh,
+            samples[case].vertices,
+            stds[case],
         )
-        case_to_template = filtered_bijection(
-            case_to_template,
-            template_geodesics / stds[template],
-            _geodesics(mesh, sample) / stds[case],
-        )
-        points[case, case_to_template] = mesh.vertices[sample.vertices]
-        on_progress("match", case + 1, len(meshes))
+        for case, mesh in enumerate(meshes)
+    )
+    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+        parallel = joblib.Parallel(n_jobs=jobs, batch_size=1, return_as="generator")
+        for case, case_to_template in enumerate(parallel(tasks)):
+            points[case, case_to_template] = meshes[case].vertices[samples[case].vertices]
+            on_progress("match", case + 1, len(meshes))
     shapes = CorrespondedShapes(
         points,
         joining_faces(meshes[template], samples[template].vertices),
@@ -202,9 +208,21 @@ def _kernel_stds(meshes: Sequence[Mesh], settings: S3MSettings) -> np.ndarray:
     return settings.kernel_std_share * _sizes(meshes)
 
 
-def _geodesics(mesh: Mesh, sample: Sample) -> np.ndarray:
+def _order_of_template(
+    case_to_template: np.ndarray,
+    template_geodesics: np.ndarray,
+    mesh: Mesh,
+    sampled: np.ndarray,
+    kernel_std: float,
+) -> np.ndarray:
+    """(n,) the template's point of each sampled vertex: a bijection, of any map."""
+    geodesics = _geodesics(mesh, sampled) / kernel_std
+    return filtered_bijection(case_to_template, template_geodesics, geodesics)
+
+
+def _geodesics(mesh: Mesh, sampled: np.ndarray) -> np.ndarray:
     """(n, n) mm between the sampled vertices, along the surface."""
-    between = geodesics_from(mesh.vertices, mesh.faces, sample.vertices)[:, sample.vertices]
+    between = geodesics_from(mesh.vertices, mesh.faces, sampled)[:, sampled]
     if not np.isfinite(between).all():
         raise CaseError(
             mesh.case_id,
