@@ -15,7 +15,7 @@ from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
-MOST_MODES = 200  # of a fit: its cost grows with them, and a surface tells no more
+MOST_MODES = 100  # of a fit: its cost grows with them, and a surface tells no more
 
 
 def fits_to_held_out(
