@@ -48,9 +48,9 @@ def run_phantom_benchmark(
     labels_disagree_percent and labels_border_mm. phantom-benchmark-mean.csv, the first table
     returned: means over the cohorts, each with its standard deviation between cohorts (`…_sd`), and
     the error's difference to `full`, all cases of all cohorts together, as
-    geodesic_mm_difference, its 95 % interval …_low and …_high (paired bootstrap over the cases) and
-    …_p (Holm's correction for the methods). phantom-modes.csv, the second: as
-    `phantom_truth.recovered_modes`.
+    geodesic_difference_mm, its 95 % interval geodesic_low_mm … geodesic_high_mm (paired bootstrap
+    over the cases) and geodesic_p (Holm's correction for the methods). phantom-modes.csv, the
+    second: as `phantom_truth.recovered_modes`.
     """
     if not isinstance(settings.data, PhantomData):
         raise StudyError("the phantom benchmark needs phantoms: set data.source to phantoms.")
@@ -144,10 +144,10 @@ def _to_full(errors: pd.DataFrame, draws: int) -> pd.DataFrame:
         table = pd.DataFrame(
             {
                 "method": list(found),
-                "geodesic_mm_difference": [d.value for d in found.values()],
-                "geodesic_mm_low": [d.low for d in found.values()],
-                "geodesic_mm_high": [d.high for d in found.values()],
-                "geodesic_mm_p": holm([d.p for d in found.values()]),
+                "geodesic_difference_mm": [d.value for d in found.values()],
+                "geodesic_low_mm": [d.low for d in found.values()],
+                "geodesic_high_mm": [d.high for d in found.values()],
+                "geodesic_p": holm([d.p for d in found.values()]),
             }
         )
         tables.append(table.assign(family=family, pose=pose))

@@ -13,7 +13,7 @@ from __future__ import annotations
 import datetime
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -98,14 +98,15 @@ def team_of_torchrun() -> Iterator[Team]:
     import torch.distributed as dist
 
     dist.init_process_group("gloo", timeout=WAIT)
-    team = Team.here()
+    team, ended_well = Team.here(), False
     try:
         yield team
+        ended_well = True
     finally:
-        try:
+        with suppress(RuntimeError):  # the others are gone already
             team.call(None)
-        except RuntimeError:  # the others are gone already
-            pass
+            if ended_well:  # who closes the line while another still reads aborts it
+                dist.barrier()
         dist.destroy_process_group()
 
 
