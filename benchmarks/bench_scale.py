@@ -35,6 +35,7 @@ from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import StudySettings
 
 PER_CASE = ("meshing", "cohort_check", "spectral", "correspondence", "groupwise")
+ON_ONE_MACHINE = ("evaluation",)  # by as many processes as it has cores
 PROJECTED = (10_000, 100_000)
 MACHINES, CORES = (1, 4, 16, 64), 16
 
@@ -133,15 +134,16 @@ def slopes(found: pd.DataFrame) -> pd.DataFrame:
 def projection(table: pd.DataFrame, large: int, cases: int) -> dict[str, Any]:
     """Hours of one core, and of so many machines; GB of the process that holds all cases."""
     hours = table["seconds"] * (cases / large) ** table["power"].clip(lower=0) / 3600
-    shared = table["stage"].isin(PER_CASE)
-    alone = float(hours[~shared].sum())
+    shared, on_one = table["stage"].isin(PER_CASE), table["stage"].isin(ON_ONE_MACHINE)
+    rest = ~shared & ~on_one
+    alone = float(hours[on_one].sum()) / CORES + float(hours[rest].sum())
     memory = (table["peak_mb"] + table["mb_a_case"] * (cases - large)) / 1024
     row: dict[str, Any] = {"cases": cases, "core hours": float(hours.sum())}
     for machines in MACHINES:
         row[f"hours, {machines} x {CORES} cores"] = (
             float(hours[shared].sum()) / (machines * CORES) + alone
         )
-    row |= {"hours in one process": alone, "most of them": table["stage"][hours[~shared].idxmax()]}
+    row |= {"hours on one machine": alone, "most of them": table["stage"][hours[~shared].idxmax()]}
     row |= {"GB": float(memory.max()), "most in": table["stage"][memory.idxmax()]}
     return row
 
