@@ -61,7 +61,8 @@ def make_results(
 
     data     name → folder, as the parts ask for it; a part whose data is not given is left out,
              unless it was named.
-    changes  to every study's settings, for a quick look: they are written down with the results.
+    changes  to every study's settings, in place of a part's own where both set one: they are
+             written down with the results.
     Raises StudyError for a name that no part has, and for data that a part named needs.
     """
     names = [part.name for part in parts]
@@ -79,17 +80,23 @@ def make_results(
             terminal.say(f"left out: {needed}")
             continue
         terminal.say(f"results: {part.name}")
-        settings = _settings(part, data, changes)
+        all_changes = _changes(part, changes)
+        settings = _settings(part, data, all_changes)
         runs, tables = _made(part, settings, options, terminal)
-        all_changes = [*part.changes, *changes]
         write_part(folder, part.name, _facts(part, settings, all_changes, runs), tables)
         made.append(part.name)
     return made
 
 
+def _changes(part: Part, asked: Sequence[str]) -> list[str]:
+    """Those asked for, after the part's own of other settings."""
+    keys = {change.partition("=")[0].strip() for change in asked}
+    return [change for change in part.changes if change.partition("=")[0] not in keys] + [*asked]
+
+
 def _settings(part: Part, data: Mapping[str, Path], changes: Sequence[str]) -> StudySettings:
     where = None if part.needs is None else data[part.needs]
-    return read_study(part.study, where, [*part.changes, *changes]).settings
+    return read_study(part.study, where, changes).settings
 
 
 def _made(

@@ -102,7 +102,20 @@ def test_parts_are_made_from_runs_and_say_how(tmp_path: Path, tiny_run: Path, mo
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
 def test_every_parts_changes_are_settings(part: Part, tmp_path: Path):
     data = {} if part.needs is None else {part.needs: tmp_path}
-    making._settings(part, data, ["seed=1"])
+    making._settings(part, data, making._changes(part, ["seed=1"]))
+
+
+def test_what_is_asked_counts_over_what_a_part_sets(tmp_path: Path, tiny_run: Path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        making, "run_study", lambda _, settings, *__: asked.append(settings) or tiny_run
+    )
+    part = Part("balls", "study", "phantoms", changes=("evaluation.folds=3", "seed=1"))
+    making.make_results(
+        tmp_path, {}, RunOptions(tmp_path), Terminal(), (), ["evaluation.folds=4"], [part]
+    )
+    assert (asked[0].evaluation.folds, asked[0].seed) == (4, 1)
+    assert read_results(tmp_path)["parts"]["balls"]["changes"] == ["seed=1", "evaluation.folds=4"]
 
 
 def test_spread_repeats_the_study_with_seeds_and_templates(
