@@ -64,7 +64,8 @@ def test_every_command_and_option_named_exists(page: str):
 
     group = typer.main.get_command(cli.app)
     commands = {**group.commands, **group.commands["benchmark"].commands}
-    options = {option for c in commands.values() for p in c.params for option in p.opts}
+    all_commands = [group, *commands.values()]
+    options = {option for c in all_commands for p in c.params for option in p.opts}
     for name in set(re.findall(r"(?:^    |`)workflow (\w+)", PAGES[page], flags=re.MULTILINE)):
         assert name in group.commands, f"workflow {name}"
     lines = [line for line in PAGES[page].splitlines() if "workflow" in line or "`--" in line]
