@@ -135,15 +135,17 @@ def projection(table: pd.DataFrame, large: int, cases: int) -> dict[str, Any]:
     """Hours of one core, and of so many machines; GB of the process that holds all cases."""
     hours = table["seconds"] * (cases / large) ** table["power"].clip(lower=0) / 3600
     shared, on_one = table["stage"].isin(PER_CASE), table["stage"].isin(ON_ONE_MACHINE)
-    rest = ~shared & ~on_one
-    alone = float(hours[on_one].sum()) / CORES + float(hours[rest].sum())
+    alone = hours.where(~on_one, hours / CORES)[~shared]
     memory = (table["peak_mb"] + table["mb_a_case"] * (cases - large)) / 1024
     row: dict[str, Any] = {"cases": cases, "core hours": float(hours.sum())}
     for machines in MACHINES:
-        row[f"hours, {machines} x {CORES} cores"] = (
-            float(hours[shared].sum()) / (machines * CORES) + alone
-        )
-    row |= {"hours on one machine": alone, "most of them": table["stage"][hours[~shared].idxmax()]}
+        row[f"hours, {machines} x {CORES} cores"] = float(hours[shared].sum()) / (
+            machines * CORES
+        ) + float(alone.sum())
+    row |= {
+        "hours on one machine": float(alone.sum()),
+        "most of them": table["stage"][alone.idxmax()],
+    }
     row |= {"GB": float(memory.max()), "most in": table["stage"][memory.idxmax()]}
     return row
 

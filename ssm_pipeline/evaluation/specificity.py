@@ -142,13 +142,12 @@ def nearest_chamfer(
         even_subset(size, count)
         for count in (screening_points // 4, screening_points, asked_points or size)
     ]
-    blocks = [
-        _nearest_in_block(draws[first : first + DRAWS_AT_ONCE], targets, subsets, screening_errors)
-        for first in range(0, len(draws), DRAWS_AT_ONCE)
-    ]
-    return np.concatenate([block[0] for block in blocks]), [
-        kept for _, left in blocks for kept in left
-    ]
+    nearest, left = np.empty(len(draws)), []
+    for first in range(0, len(draws), DRAWS_AT_ONCE):
+        block = slice(first, first + DRAWS_AT_ONCE)
+        nearest[block], kept = _nearest_in_block(draws[block], targets, subsets, screening_errors)
+        left += kept
+    return nearest, left
 
 
 def _nearest_in_block(
@@ -163,15 +162,13 @@ def _nearest_in_block(
     draw, target = np.divmod(np.arange(len(shapes) * len(targets)), len(targets))
     for subset in screens:
         estimate, error = pair_estimates(shapes, targets, draw, target, subset)
-        margin = screening_errors * error
-        by_estimate = np.lexsort((estimate, draw))
-        best = by_estimate[np.flatnonzero(np.diff(draw, prepend=-1))]  # one a draw, in their order
-        possible = estimate - margin <= (estimate + margin)[best][draw]
+        order = np.lexsort((estimate, draw))  # draw by draw, the nearest first
+        draw, target, estimate = draw[order], target[order], estimate[order]
+        margin = screening_errors * error[order]
         bound = estimate - margin
-        draw, target, bound, estimate = (v[possible] for v in (draw, target, bound, estimate))
-    order = np.lexsort((estimate, draw))
-    draw, target, bound = draw[order], target[order], bound[order]
-    starts = np.flatnonzero(np.diff(draw, prepend=-1))
+        possible = bound <= (estimate + margin)[_starts(draw)][draw]
+        draw, target, bound = draw[possible], target[possible], bound[possible]
+    starts = _starts(draw)
     rank = np.arange(len(draw)) - starts[draw]
     nearest = np.full(len(shapes), np.inf)
     for place in range(rank.max() + 1):
@@ -180,6 +177,11 @@ def _nearest_in_block(
         distance, _ = pair_estimates(shapes, targets, of, target[asked_for], asked)
         nearest[of] = np.minimum(nearest[of], distance)
     return nearest, np.split(target, starts[1:])
+
+
+def _starts(draw: np.ndarray) -> np.ndarray:
+    """(n,) where each draw's pairs begin; of pairs (K,) in the order of the draws, all present."""
+    return np.flatnonzero(np.diff(draw, prepend=-1))
 
 
 def pair_estimates(
