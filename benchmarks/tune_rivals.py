@@ -35,6 +35,11 @@ GRIDS: dict[Registration, list[dict[str, object]]] = {
         for smoothness in (
             (1e-1, 3e-2, 1e-2),
             (1e-1, 3e-2, 1e-2, 3e-3),
+            (1e-1, 3e-2, 1e-2, 3e-3, 1e-3),
+            (3e-2, 1e-2, 3e-3),
+            (3e-2, 1e-2, 3e-3, 1e-3),
+            (1e-2, 3e-3, 1e-3),
+            (3e-3, 1e-3),
             (1.0, 3e-1, 1e-1, 3e-2),
         )
         for normals in (0.0, 0.5)

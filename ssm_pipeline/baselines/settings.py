@@ -8,14 +8,14 @@ from ssm_pipeline.settings import Settings
 
 
 class RegistrationSettings(Settings):
-    """Of coherent point drift chosen on development phantoms alone (benchmarks/tune_rivals.py)."""
+    """Chosen on development phantoms alone (benchmarks/tune_rivals.py)."""
 
     # Affine: iterative closest points with twelve unknowns.
     affine_points: int = Field(4000, ge=100)  # samples on each surface
     affine_steps: int = Field(60, ge=1)  # at most
 
     # Non-rigid ICP (Amberg et al. 2007): the smoothness term's weight falls step by step.
-    nricp_smoothness: tuple[float, ...] = Field((1e-1, 3e-2, 1e-2, 3e-3), min_length=1)
+    nricp_smoothness: tuple[float, ...] = Field((3e-2, 1e-2, 3e-3, 1e-3), min_length=1)
     nricp_normals: float = Field(0.5, ge=0)  # weight of the normals' agreement
     nricp_steps: int = Field(3, ge=1)  # a smoothness
 

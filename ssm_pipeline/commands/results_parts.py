@@ -29,7 +29,6 @@ def _rows(*names: str) -> str:
     return f"comparison.methods={json.dumps(names)}"
 
 
-# The registrations' rounds take longer than all else together, and are left to those who ask.
 _IN_FULL = (
     _rows(
         "S3M",
@@ -41,10 +40,19 @@ _IN_FULL = (
         "adaptation only",
         "as scanned",
         "nearest point",
-        "affine nearest",
-        "nricp",
-        "cpd",
         "adaptation only, groupwise",
+    ),
+    "evaluation.jackknife_samples=24",
+)
+# Plain registrations, alone and with the same groupwise rounds.
+_RIVALS = (
+    _rows(
+        "affine nearest",
+        "affine nearest, groupwise",
+        "nricp",
+        "nricp, groupwise",
+        "cpd",
+        "cpd, groupwise",
     ),
     "evaluation.jackknife_samples=24",
 )
@@ -77,7 +85,9 @@ _PHANTOMS = (
         "as scanned",
         "nearest point",
         "nricp",
+        "nricp, groupwise",
         "cpd",
+        "cpd, groupwise",
         "S3M",
     ),
     "data.cases=12",
@@ -86,6 +96,7 @@ _PHANTOMS = (
 
 PARTS = (
     Part("lungs", "study", "luna16", needs="lungs", changes=(*_IN_FULL, _AS_PUBLISHED)),
+    Part("lungs-rivals", "study", "luna16", needs="lungs", changes=_RIVALS),
     Part("lungs-unseen", "study", "luna16", needs="lungs", changes=_UNSEEN),
     Part("lungs-spread", "spread", "luna16", needs="lungs", changes=_SPREAD),
     Part(
@@ -94,6 +105,13 @@ PARTS = (
         "hippocampus",
         needs="hippocampi",
         changes=(*_IN_FULL, _A_THIRD, *_HIPPOCAMPI),
+    ),
+    Part(
+        "hippocampi-rivals",
+        "study",
+        "hippocampus",
+        needs="hippocampi",
+        changes=(*_RIVALS, *_HIPPOCAMPI),
     ),
     Part(
         "hippocampi-unseen",

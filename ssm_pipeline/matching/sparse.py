@@ -28,6 +28,7 @@ class SparseMatrix:
 def _to_torch(matrix: sp.csr_matrix, device: torch.device, dtype: torch.dtype) -> torch.Tensor:
     with warnings.catch_warnings():  # torch calls CSR "beta" once a process
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support")
+        warnings.filterwarnings("ignore", message="Sparse invariant checks are implicitly")  # 2.11
         return torch.sparse_csr_tensor(
             torch.from_numpy(matrix.indptr.astype(np.int64)),
             torch.from_numpy(matrix.indices.astype(np.int64)),
