@@ -17,6 +17,7 @@ ROOMS = (
     "settings",
     "methods",
     "storage",
+    "parallel",
     "meshing",
     "spectral",
     "cohort_check",
@@ -40,7 +41,7 @@ ROOMS = (
     "__main__",
 )
 # The engine runs stages of anything: it knows files, cases and processes, and no shape.
-ENGINE_MAY_USE = {"records", "settings", "storage"}
+ENGINE_MAY_USE = {"parallel", "records", "settings", "storage"}
 # data_prep makes what meshing takes, and phantoms and benchmarks are made of geometry.
 DATA_PREP_MAY_USE = {"records", "settings", "storage", "geometry", "meshing"}
 MODULES = sorted([*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")])

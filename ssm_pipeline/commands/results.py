@@ -28,6 +28,7 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_study
+from ssm_pipeline.study.yaml_settings import changed_key
 
 # Of a run's tables, those that a page quotes; the others are long, and stay in the run.
 QUOTED = (
@@ -90,8 +91,8 @@ def make_results(
 
 def _changes(part: Part, asked: Sequence[str]) -> list[str]:
     """Those asked for, after the part's own of other settings."""
-    keys = {change.partition("=")[0].strip() for change in asked}
-    return [change for change in part.changes if change.partition("=")[0] not in keys] + [*asked]
+    keys = {changed_key(change) for change in asked}
+    return [change for change in part.changes if changed_key(change) not in keys] + [*asked]
 
 
 def _settings(part: Part, data: Mapping[str, Path], changes: Sequence[str]) -> StudySettings:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ssm_pipeline.engine import process
 from ssm_pipeline.engine.per_case import CaseResult, CaseTask, here, run_case
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import StudyError
 
 
@@ -31,20 +32,15 @@ class Processes:
         import joblib
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-        # One thread per process: a case per core beats many cores per case, and sums keep their
-        # order.
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-            try:
-                work = joblib.delayed(_run_in_worker)
-                yield from parallel(
-                    work(task, stage_folder, self.memory_gb, os.getpid()) for task in tasks
-                )
-            except TerminatedWorkerError as error:
-                raise StudyError(
-                    f"a process was killed while {jobs} cases were worked on at a time, most often "
-                    "for want of memory. Run again with fewer (--jobs); finished cases are kept."
-                ) from error
+        work = joblib.delayed(_run_in_worker)
+        started = (work(task, stage_folder, self.memory_gb, os.getpid()) for task in tasks)
+        try:  # a case per core beats many cores per case
+            yield from in_processes(started, jobs, ordered=False)
+        except TerminatedWorkerError as error:
+            raise StudyError(
+                f"a process was killed while {jobs} cases were worked on at a time, most often "
+                "for want of memory. Run again with fewer (--jobs); finished cases are kept."
+            ) from error
 
 
 def _run_in_worker(

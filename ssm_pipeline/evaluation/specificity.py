@@ -19,6 +19,7 @@ from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings, mode_counts
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, chamfer, symmetric
 from ssm_pipeline.geometry.surface import sample_points
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
@@ -63,10 +64,7 @@ def specificity(
         joblib.delayed(_row)(model.truncate(M), scores[:, :M], points, samples, meshes, settings)
         for M in modes
     ]
-    # Many small queries: a process per core, a thread per process. Threads that share a query wait
-    # for each other.
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        rows, draws = zip(*joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks), strict=True)
+    rows, draws = zip(*in_processes(tasks, jobs), strict=True)
     table = pd.DataFrame(list(rows)).assign(chamfer_floor_mm=floor, points=points.count)
     return table, pd.concat(draws, ignore_index=True)
 

@@ -24,6 +24,7 @@ from ssm_pipeline.evaluation.specificity import (
     nearest_surface,
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.shape_model.pca import pca_model
 
 _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surface distance
@@ -68,9 +69,7 @@ def without_each_case(
         joblib.delayed(_without_each)(cohort, part.tolist(), draws, settings.surface_points)
         for part in np.array_split(np.arange(count), min(jobs, count))
     ]
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks)
-    return pd.DataFrame([row for part in rows for row in part])
+    return pd.DataFrame([row for part in in_processes(tasks, jobs) for row in part])
 
 
 def _without_each(

@@ -12,6 +12,7 @@ import pandas as pd
 from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
 from ssm_pipeline.fitting.model_fit import fit
 from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
@@ -39,8 +40,7 @@ def fits_to_held_out(
             for case, frame in zip(held_out, frames, strict=True):
                 yield joblib.delayed(_fitted)(model, moved(cohort.meshes[case], frame))
 
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        rows = joblib.Parallel(n_jobs=jobs, batch_size=1)(tasks())
+    rows = in_processes(tasks(), jobs)
     order = {case_id: number for number, case_id in enumerate(cohort.shapes.case_ids)}
     return pd.DataFrame(sorted(rows, key=lambda row: order[str(row["case_id"])]))
 

@@ -29,10 +29,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+def changed_key(change: str) -> str:
+    """`training.steps = 2000` → `training.steps`."""
+    return change.partition("=")[0].strip()
+
+
 def parse_change(change: str) -> dict[str, Any]:
     """`training.steps=2000` → {"training": {"steps": 2000}}; the value is read as YAML."""
-    key, equals, text = change.partition("=")
-    names = key.strip().split(".")
+    _, equals, text = change.partition("=")
+    names = changed_key(change).split(".")
     if not equals or not all(names):
         raise StudyError(f"--set {change}: section.name=value is needed, as training.steps=2000.")
     try:
@@ -46,7 +51,7 @@ def parse_change(change: str) -> dict[str, Any]:
 
 def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:
     """Each of them by `parse_change`. Raises StudyError where two change the same setting."""
-    keys = [change.partition("=")[0].strip() for change in changes]
+    keys = [changed_key(change) for change in changes]
     if twice := next((key for key in keys if keys.count(key) > 1), None):
         raise StudyError(f"--set {twice} is given twice; give each setting once.")
     return [parse_change(change) for change in changes]

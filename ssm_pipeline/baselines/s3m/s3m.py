@@ -39,6 +39,7 @@ from ssm_pipeline.baselines.s3m.training import (
 )
 from ssm_pipeline.geometry.geodesics import geodesics_from
 from ssm_pipeline.geometry.surface import area
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, StudyError
 
 Progress = Callable[[str, int, int], None]  # what is being done, how many done, of how many
@@ -130,11 +131,9 @@ def match_s3m(
         )
         for case, mesh in enumerate(meshes)
     )
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-        parallel = joblib.Parallel(n_jobs=jobs, batch_size=1, return_as="generator")
-        for case, case_to_template in enumerate(parallel(tasks)):
-            points[case, case_to_template] = meshes[case].vertices[samples[case].vertices]
-            on_progress("match", case + 1, len(meshes))
+    for case, case_to_template in enumerate(in_processes(tasks, jobs)):
+        points[case, case_to_template] = meshes[case].vertices[samples[case].vertices]
+        on_progress("match", case + 1, len(meshes))
     shapes = CorrespondedShapes(
         points,
         joining_faces(meshes[template], samples[template].vertices),
