@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from ssm_pipeline.cohort_check.fingerprint import fingerprint, log_spectra, typical_cases
 from ssm_pipeline.cohort_check.judge import judge
 from ssm_pipeline.cohort_check.rigid_fit import Posed, best_fit, fit_to
 from ssm_pipeline.records import Mesh, StudyError
 
-ALIKE_SIZE, ALIKE_SPECTRUM = 5e-3, 5e-2  # of logarithms: nearer, two cases may be one
+ALIKE = 5e-3  # of logarithms of size and spectrum: nearer, two cases may be one
+COARSE = 20.0  # over its triangles: by so much a mesh's spectrum differs from its surface's
 ALIKE_PERCENT = 0.3  # of √area: no two organs lie that close, two meshes of one organ do
 
 
@@ -46,22 +48,22 @@ def twins(
     """Pairs of cases that are one organ twice, or one the mirror image of the other.
 
     meshes in the order of the rows of `numbers`. Only pairs of equal size and spectrum are laid
-    on each other, which is few of the N² of them.
+    on each other: of 1600 cases much alike, 244 pairs of 1.3 million.
     """
     case_ids = list(meshes)
     sizes = np.log(numbers[["volume_ml", "area_cm2"]].to_numpy(float))
     spectra = log_spectra(numbers)
+    pairs = cKDTree(sizes).query_pairs(ALIKE, p=np.inf, output_type="ndarray")
+    coarse = COARSE / np.array([len(mesh.faces) for mesh in meshes.values()])
+    ones, others = pairs[:, 0], pairs[:, 1]
+    apart = np.abs(spectra[ones] - spectra[others]).mean(axis=1)
+    may_be_one = apart < ALIKE + np.abs(coarse[ones] - coarse[others])
     found = []
-    for one in range(len(case_ids)):
-        same_size = np.abs(sizes[one + 1 :] - sizes[one]).max(axis=1) < ALIKE_SIZE
-        same_form = np.abs(spectra[one + 1 :] - spectra[one]).mean(axis=1) < ALIKE_SPECTRUM
-        for other in one + 1 + np.flatnonzero(same_size & same_form):
-            first, second = (
-                Posed.of(meshes[case_ids[index]], seed) for index in (one, int(other))
-            )
-            apart = 100 * best_fit(first, second).distance
-            mirrored = 100 * best_fit(first.mirrored(), second).distance
-            if min(apart, mirrored) < ALIKE_PERCENT:
-                what = "the same" if apart <= mirrored else "the mirror image"
-                found.append((case_ids[one], case_ids[int(other)], what))
+    for one, other in sorted(pairs[may_be_one].tolist()):
+        first, second = (Posed.of(meshes[case_ids[index]], seed) for index in (one, other))
+        as_it_is = 100 * best_fit(first, second).distance
+        mirrored = 100 * best_fit(first.mirrored(), second).distance
+        if min(as_it_is, mirrored) < ALIKE_PERCENT:
+            what = "the same" if as_it_is <= mirrored else "the mirror image"
+            found.append((case_ids[one], case_ids[other], what))
     return found

@@ -23,7 +23,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         lambda s: {"data": s.data.model_dump(mode="json", exclude={"folder"})},
     ),
     Stage("meshing", make_meshes, what_meshes_rest_on, needs=("data",), version=2),
-    Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",)),
+    Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",), version=2),
     Stage(
         "spectral",
         make_bases,
