@@ -81,10 +81,12 @@ class Lab:
         self.run: Run = load_run(folder)
         self.settings: StudySettings = read_run_settings(folder)
         self.model: ShapeModel = self.run.model
-        self.shapes, self.meshes = cases_to_judge_by(self.run, self.settings, terminal)
+        self.shapes, self.meshes, self.patients = cases_to_judge_by(
+            self.run, self.settings, terminal
+        )
         start = time.process_time()
         self.reference: CrossValidation = reference_of(
-            self.run, self.shapes, self.meshes, self.settings, JOBS, terminal
+            self.run, self.shapes, self.meshes, self.patients, self.settings, JOBS, terminal
         )
         print(
             f"the model's own cases, each left out: {time.process_time() - start:.0f} core seconds"
@@ -98,7 +100,9 @@ class Lab:
         return tuple(data.exclude)
 
     def fitted(self, surface: Mesh, matched: np.ndarray | None = None) -> FitReport:
-        yardstick = Yardstick(self.model, self.shapes, self.meshes, self.reference)
+        yardstick = Yardstick(
+            self.model, self.shapes, self.meshes, self.reference, patients=self.patients
+        )
         return fit_patient(yardstick, surface, matched, self.settings.seed, JOBS)
 
     def whole(self, masks: dict[str, Mask]) -> pd.DataFrame:

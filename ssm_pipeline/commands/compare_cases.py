@@ -13,7 +13,7 @@ from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.export.comparison_files import write_comparison
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.report import renew_report
-from ssm_pipeline.stages.run import COMPARISONS, load_run
+from ssm_pipeline.stages.run import COMPARISONS, Run, load_run
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
 from ssm_pipeline.statistics.covariates import ID_COLUMNS, design_of, matched_to_cases
 from ssm_pipeline.study.study import read_run_settings
@@ -39,6 +39,7 @@ def compare_cases(
 
     terminal = terminal or Terminal()
     run, settings = load_run(run_folder), read_run_settings(run_folder)
+    _refuse_doubled_patients(run)
     design = design_of(formula, matched_to_cases(read_table(covariates), run.cases))
     terminal.say(f"{len(run.cases)} cases, {', '.join(column.name for column in design.columns)}")
     result = compare(
@@ -67,6 +68,18 @@ def compare_cases(
     if report is not None:
         terminal.say(f"tab Compare: {report}")
     return result
+
+
+def _refuse_doubled_patients(run: Run) -> None:
+    """Cases of one patient are alike, and a test that permutes cases finds effects in that."""
+    patients = list(run.patients.values())
+    if doubled := sorted({name for name in patients if patients.count(name) > 1}):
+        raise StudyError(
+            f"{len(doubled)} patients have several cases in {run.folder}: "
+            f"{', '.join(doubled[:3])}{' …' if len(doubled) > 3 else ''}. The tests take cases as "
+            "independent, and would find effects where there are none. Compare a run with one case "
+            "a patient: one side (data.side), or data.cases with one of each."
+        )
 
 
 def read_table(path: Path) -> pd.DataFrame:

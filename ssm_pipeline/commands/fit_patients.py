@@ -11,7 +11,12 @@ from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.fitting.cross_validation import FEWEST_CASES, CrossValidation, cross_validate
+from ssm_pipeline.fitting.cross_validation import (
+    FEWEST_CASES,
+    CrossValidation,
+    can_judge,
+    cross_validate,
+)
 from ssm_pipeline.fitting.partial import opened_at_image_border
 from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
 from ssm_pipeline.geometry.surface import volume
@@ -53,10 +58,10 @@ def fit_patients(
     if by not in WAYS:
         raise StudyError(f"--by {by}: {' or '.join(WAYS)} is needed.")
     _refuse_doubled(files)
-    shapes, meshes = cases_to_judge_by(run, settings, terminal)
-    reference = reference_of(run, shapes, meshes, settings, jobs, terminal)
+    shapes, meshes, patients = cases_to_judge_by(run, settings, terminal)
+    reference = reference_of(run, shapes, meshes, patients, settings, jobs, terminal)
     with_scale = settings.shape_model.with_scale
-    yardstick = Yardstick(run.model, shapes, meshes, reference, with_scale)
+    yardstick = Yardstick(run.model, shapes, meshes, reference, with_scale, patients)
     fits: list[FitReport] = []
     for path in files:
         try:
@@ -87,41 +92,44 @@ def fit_patients(
 
 def cases_to_judge_by(
     run: Run, settings: StudySettings, terminal: Terminal
-) -> tuple[CorrespondedShapes, list[Mesh]]:
-    """The run's own cases, and their meshes; where they are too few, shapes drawn from the model in
-    their place."""
-    shapes, model = run.shapes, run.model
-    if len(shapes.case_ids) >= FEWEST_CASES:
-        return shapes, [run.mesh(case_id) for case_id in shapes.case_ids]
+) -> tuple[CorrespondedShapes, list[Mesh], list[str]]:
+    """The run's own cases, their meshes, and whom each is of; where they are too few, shapes drawn
+    from the model in their place."""
+    shapes, model, patient_of = run.shapes, run.model, run.patients
+    patients = [patient_of[case_id] for case_id in shapes.case_ids]
+    if can_judge(patients):
+        return shapes, [run.mesh(case_id) for case_id in shapes.case_ids], patients
     count = max(DRAWN_CASES, 2 * model.mode_count)
     terminal.say(
-        f"the model has {len(shapes.case_ids)} cases of its own, and fits are judged by "
-        f"{FEWEST_CASES} or more: by {count} shapes drawn from the model instead. Those are more "
-        "alike than patients, so thresholds and intervals are too narrow."
+        f"the model has {len(shapes.case_ids)} cases of its own, of {len(set(patients))} patients, "
+        f"and fits are judged by {FEWEST_CASES} or more: by {count} shapes drawn from the model "
+        "instead. Those are more alike than patients, so thresholds and intervals are too narrow."
     )
     drawn = model.sample(count, np.random.default_rng(settings.seed))
     ids = tuple(f"drawn_{index:03d}" for index in range(count))
     meshes = [Mesh(shape, model.faces, name) for shape, name in zip(drawn, ids, strict=True)]
-    return CorrespondedShapes(drawn, model.faces, ids, ids[0]), meshes
+    return CorrespondedShapes(drawn, model.faces, ids, ids[0]), meshes, list(ids)
 
 
 def reference_of(
     run: Run,
     shapes: CorrespondedShapes,
     meshes: Sequence[Mesh],
+    patients: Sequence[str],
     settings: StudySettings,
     jobs: int,
     terminal: Terminal,
 ) -> CrossValidation:
     """The cross-validation of a run's model, made once and kept in `<run>/fitting/`."""
     surfaces = [key_of_arrays(mesh.vertices, mesh.faces) for mesh in meshes]
-    key = key_of(key_of_arrays(shapes.vertices), surfaces, settings.shape_model, settings.seed)
+    matched = key_of_arrays(shapes.vertices)
+    key = key_of(matched, surfaces, list(patients), settings.shape_model, settings.seed)
     path = run.folder / "fitting" / f"cross_validation-{key[:12]}.npz"
     if path.is_file():
         return storage.load(CrossValidation, path)
     terminal.say(f"fitting the model's own {len(shapes.case_ids)} cases, each left out, once")
     with_scale = settings.shape_model.with_scale
-    reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs)
+    reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs, patients)
     storage.save(reference, path)
     return reference
 

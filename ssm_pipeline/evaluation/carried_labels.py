@@ -99,16 +99,20 @@ def border_length(vertices: np.ndarray, faces: np.ndarray, shares: np.ndarray) -
 
 
 def label_means(
-    pairs: Mapping[str, pd.DataFrame], baseline: str, draws: int, generator: np.random.Generator
+    pairs: Mapping[str, pd.DataFrame],
+    baseline: str,
+    draws: int,
+    generator: np.random.Generator,
+    patients: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """A row per method: means over all ordered pairs, with 95 % intervals over the cases.
 
-    pairs     method → `carried_labels`, of the same cases.
+    pairs     method → `carried_labels`, of the same cases; patients: case → patient.
     Returns   method, cases, disagree_percent with _low and _high before the unit, border_mm
               likewise, and border_difference_mm to the baseline, pair by pair, likewise.
     """
     columns = {"disagree_percent": "", "border_mm": "border_difference_mm"}
-    return means_over_pairs(pairs, columns, baseline, draws, generator)
+    return means_over_pairs(pairs, columns, baseline, draws, generator, patients)
 
 
 def label_cases(pairs: pd.DataFrame) -> pd.DataFrame:

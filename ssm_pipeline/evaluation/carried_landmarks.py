@@ -49,11 +49,16 @@ def landmark_cases(pairs: pd.DataFrame) -> pd.DataFrame:
 
 
 def landmark_means(
-    pairs: Mapping[str, pd.DataFrame], baseline: str, draws: int, generator: np.random.Generator
+    pairs: Mapping[str, pd.DataFrame],
+    baseline: str,
+    draws: int,
+    generator: np.random.Generator,
+    patients: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """A row per method: error_mm over all pairs and landmarks, error_difference_mm to the baseline.
 
-    Each with _low and _high before the unit: 95 % intervals over the cases.
+    Each with _low and _high before the unit: 95 % intervals over the cases, a patient's (case →
+    patient) together.
     """
     keys = ["from_case_id", "case_id"]
     by_pair = {
@@ -61,4 +66,4 @@ def landmark_means(
         for method, table in pairs.items()
     }
     columns = {"error_mm": "error_difference_mm"}
-    return means_over_pairs(by_pair, columns, baseline, draws, generator)
+    return means_over_pairs(by_pair, columns, baseline, draws, generator, patients)

@@ -18,7 +18,7 @@ from ssm_pipeline.evaluation.model_quality import (
 )
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import specificity
-from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
+from ssm_pipeline.evaluation.specificity_jackknife import without_each
 from ssm_pipeline.evaluation.surface_fits import fits_to_held_out
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics
 from ssm_pipeline.shape_model.pca import pca_model
@@ -31,7 +31,7 @@ class Scoring:
     seed        of points, draws and folds.
     with_scale  whether the alignment removes size; distances are then those of scaled shapes.
     jobs        processes for the draws; the numbers do not depend on it.
-    patients    case id → patient, where one has several cases: they are held out together.
+    patients    case id → patient: those of one are held out together; None: each its own.
     """
 
     settings: EvaluationSettings
@@ -57,7 +57,8 @@ def evaluate_method(
 
     Returns tables, each with the columns method and seed:
     compactness            a row per number of modes;
-    generalisation         a row per case and number of modes;
+    generalisation         a row per case and number of modes, and whose it is where a patient has
+                           several;
     generalisation_mean    the same over the cases, with standard errors;
     surface_fits           a row per case: the model without it, fitted to its surface alone;
     specificity            a row per number of modes, with standard errors;
@@ -77,6 +78,8 @@ def evaluate_method(
     for_cases, for_draws, for_fit, for_spread = streams
     limit, holding = most_modes(folds), model.modes_for(0.95)
     per_case = generalisation(cohort, settings, for_cases, folds, [holding])
+    if patients is not None and len(set(patients.values())) < len(patients):
+        per_case.insert(1, "patient", per_case["case_id"].map(patients))
     # Generalisation's numbers of modes, and all: a comparison needs both at the same number.
     numbers = sorted({*per_case["modes"], holding, model.mode_count})
     drawn, per_draw = specificity(model, cohort.meshes, settings, for_draws, jobs, numbers)
@@ -91,8 +94,8 @@ def evaluate_method(
         "correspondence": correspondence_quality(cohort, settings, for_fit, fitted),
     }
     if settings.jackknife_samples:
-        tables["specificity_jackknife"] = without_each_case(
-            cohort, limit, settings, for_spread, jobs
+        tables["specificity_jackknife"] = without_each(
+            cohort, limit, settings, for_spread, jobs, groups
         )
     if settings.fit_surfaces:
         tables["surface_fits"] = fits_to_held_out(cohort, folds, limit, jobs)

@@ -18,9 +18,16 @@ class Interval:
     high: float
 
 
-def resampled_cases(count: int, draws: int, generator: np.random.Generator) -> np.ndarray:
-    """(draws, count) how often each case is in each resampling; the same for all that compare."""
-    return generator.multinomial(count, np.full(count, 1 / count), size=draws)
+def resampled_cases(
+    patients: Sequence[str], draws: int, generator: np.random.Generator
+) -> np.ndarray:
+    """(draws, N) how often each case is in each resampling; the same for all that compare.
+
+    patients  (N,) whom each case is of: patients are drawn, with all their cases.
+    """
+    names, of_case = np.unique(list(patients), return_inverse=True)
+    count = len(names)
+    return generator.multinomial(count, np.full(count, 1 / count), size=draws)[:, of_case]
 
 
 def pair_interval(pairs: np.ndarray, resamplings: np.ndarray) -> Interval:
@@ -54,17 +61,20 @@ def means_over_pairs(
     baseline: str,
     draws: int,
     generator: np.random.Generator,
+    patients: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """A row per method: means of columns over all ordered pairs, with 95 % intervals over cases.
 
     pairs    method → table of from_case_id, case_id and the columns, all of the same cases.
     columns  name ending in its unit → name of its difference to the baseline's, pair by pair;
              empty where none is wanted.
+    patients case → patient, where one has several cases: they are drawn together.
     Returns  method, cases, and for each name, as border_mm: border_mm, border_low_mm and
              border_high_mm. The same resamplings of the cases serve all methods.
     """
     cases = sorted({*pairs[baseline]["case_id"], *pairs[baseline]["from_case_id"]})
-    resamplings = resampled_cases(len(cases), draws, generator)
+    whose = [patients[case_id] for case_id in cases] if patients else cases
+    resamplings = resampled_cases(whose, draws, generator)
     rows = []
     for method, table in pairs.items():
         row: dict[str, object] = {"method": method, "cases": len(cases)}

@@ -1,6 +1,7 @@
 """Differences between two methods on the same cases, with what other cases would have given.
 
-Cases, not draws, are the sample: a cohort of other patients is what a reader asks about.
+Patients, not draws, are the sample: a cohort of others is what a reader asks about. Where each has
+one case, the cases are.
 """
 
 from __future__ import annotations
@@ -35,20 +36,23 @@ def over_cases(
 ) -> PairedDifference:
     """Of a column with a value per case (generalisation): paired bootstrap over the cases.
 
-    cases, baseline  tables with a row per case; paired by case_id.
+    cases, baseline  tables with a row per case; paired by case_id. A column patient, where one has
+                     several cases: they are drawn together.
     draws            resamplings. The p is twice the smaller share of resampled means on either
-                     side of 0, at least 1 / (draws + 1).
+                     side of 0, at least 2 / (draws + 1).
     Source: percentile bootstrap, Efron 1979; p: Davison and Hinkley 1997, 4.4.
     """
     own, other = (table.set_index("case_id")[column] for table in (cases, baseline))
-    difference = (own - other.loc[own.index]).to_numpy()
-    count = len(difference)
-    means = np.concatenate(
-        [
-            difference[generator.integers(count, size=(part, count))].mean(axis=1)
-            for part in _parts(draws, max(1, AT_A_TIME // count))
-        ]
+    difference = own - other.loc[own.index]
+    patients = cases.get("patient", cases["case_id"]).to_numpy()
+    of_patients = difference.groupby(patients, sort=False)
+    sums, sizes = of_patients.sum().to_numpy(), of_patients.size().to_numpy()
+    count = len(sums)
+    drawn = (
+        generator.integers(count, size=(part, count))
+        for part in _parts(draws, max(1, AT_A_TIME // count))
     )
+    means = np.concatenate([sums[each].sum(axis=1) / sizes[each].sum(axis=1) for each in drawn])
     low, high = np.percentile(means, [2.5, 97.5])
     beyond = min((means <= 0).sum(), (means >= 0).sum())
     p = min(1.0, 2 * (beyond + 1) / (draws + 1))
@@ -68,19 +72,20 @@ def over_left_out_cases(
 ) -> PairedDifference:
     """Of the mean over a model's draws (specificity): delete-one jackknife over the cases.
 
-    left_out, baseline_left_out  as `specificity_jackknife.without_each_case` gives them: for each
-                   case, the means of two halves of draws of a model built without it.
+    left_out, baseline_left_out  as `specificity_jackknife.without_each` gives them: for each case,
+                   or patient, the means of two halves of draws of a model built without it.
     drawn, baseline_drawn  (n,) mm: the draws of the whole cohort's models, in the same order. Both
                    methods' draws are made of the same weights of the same cases, so they pair.
 
-    Leaving case i out changes the difference by θ_i; the variance over cohorts is
+    Leaving out case i (all cases of patient i) changes the difference by θ_i; the variance over
+    cohorts is
     (N − 1)/N Σ (θ_i − θ̄)². Each θ_i carries the noise of its draws, which would be counted N times:
     one factor from each half of the draws leaves it out in expectation (a negative estimate is 0).
     The noise of the draws of the whole models is then added once. Interval and p by Student's t
     with N − 1 degrees of freedom. Source: Efron and Stein 1981 for the jackknife.
     """
     halves = [
-        table.pivot(index="case_id", columns="half", values="surface_mm").to_numpy()
+        table.pivot(index="left_out", columns="half", values="surface_mm").to_numpy()
         for table in (left_out, baseline_left_out)
     ]
     effect = halves[0] - halves[1]  # (N, 2)

@@ -1,8 +1,8 @@
-"""What specificity would have been without each case: its uncertainty over cases, not over draws.
+"""What specificity would have been without each patient: its uncertainty over them, not over draws.
 
-A bootstrap over the cases would hold many of them twice, and a model's draws then find a mesh that
-it was built on twice: specificity of such cohorts is another quantity. Leaving one case out at a
-time has no such fault, and asks for N models only.
+A bootstrap would hold many cases twice, and a model's draws then find a mesh that it was built on
+twice: specificity of such cohorts is another quantity. Leaving one patient out at a time has no
+such fault, and asks for as many models only.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surfac
 
 @dataclass(frozen=True, eq=False)
 class _Draws:
-    """What is the same for every case left out.
+    """What is the same whoever is left out.
 
     weights  (n, N) of the cases in each draw; points: where a draw is looked at.
     samples  of each mesh, as many; modes: of each model.
@@ -44,19 +44,22 @@ class _Draws:
     modes: int
 
 
-def without_each_case(
+def without_each(
     cohort: AlignedCohort,
     modes: int,
     settings: EvaluationSettings,
     generator: np.random.Generator,
     jobs: int = 1,
+    patients: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """Specificity of the models built without each case, by surface distance to the other meshes.
+    """Specificity of the models built without each patient, by surface distance to the meshes left.
 
-    modes  of each model, at most N − 2.
-    Returns two rows per case, one for each half of the draws: case_id (left out), modes, half,
-    surface_mm (the mean over the draws). The weights of the draws are the same for every case left
-    out and every method, so that only what the case changes is seen.
+    modes     of each model, at most as many as the smallest has.
+    patients  (N,) whom each case is of; None: each its own.
+    Returns two rows for each, one for each half of the draws: left_out (the patient; its case's id
+    where none is known), modes, half, surface_mm (the mean over the draws). The weights of the
+    draws are the same for every one left out and every method, so that only what it changes is
+    seen.
     """
     shapes = cohort.shapes
     count = len(shapes.case_ids)
@@ -65,23 +68,29 @@ def without_each_case(
     points = FixedPoints.of(mean, shapes.faces, settings.screening_points, generator)
     samples = [even_samples(mesh, points.count, generator) for mesh in cohort.meshes]
     draws = _Draws(weights, points, samples, modes)
+    whose = np.array(shapes.case_ids if patients is None else patients)
+    names = list(dict.fromkeys(whose.tolist()))
     tasks = [
-        joblib.delayed(_without_each)(cohort, part.tolist(), draws, settings.surface_points)
-        for part in np.array_split(np.arange(count), min(jobs, count))
+        joblib.delayed(_without_some)(cohort, whose, part.tolist(), draws, settings.surface_points)
+        for part in np.array_split(np.array(names), min(jobs, len(names)))
     ]
     return pd.DataFrame([row for part in in_processes(tasks, jobs) for row in part])
 
 
-def _without_each(
-    cohort: AlignedCohort, cases: Sequence[int], draws: _Draws, surface_points: int
+def _without_some(
+    cohort: AlignedCohort,
+    whose: np.ndarray,
+    names: Sequence[str],
+    draws: _Draws,
+    surface_points: int,
 ) -> list[dict[str, object]]:
-    """The rows of some of the cases; the meshes' trees are built once for all of them."""
+    """The rows of some of the patients; the meshes' trees are built once for all of them."""
     targets = [PointTarget.of(sample) for sample in draws.samples]
     surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in cohort.meshes]
     every = np.arange(draws.points.count)
     rows: list[dict[str, object]] = []
-    for case in cases:
-        kept = [other for other in range(len(targets)) if other != case]
+    for name in names:
+        kept = np.flatnonzero(whose != name).tolist()
         others, left = [targets[other] for other in kept], [surfaces[other] for other in kept]
         model = pca_model(cohort.shapes.subset(kept))
         scores = drawn_scores(model, draws.weights[:, kept])[:, : draws.modes]
@@ -94,7 +103,7 @@ def _without_each(
         found = nearest_surface(shapes, model.faces, left, candidates, surface_points)
         rows += [
             {
-                "case_id": cohort.shapes.case_ids[case],
+                "left_out": name,
                 "modes": draws.modes,
                 "half": number,
                 "surface_mm": float(half.mean()),

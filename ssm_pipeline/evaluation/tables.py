@@ -113,6 +113,9 @@ def with_unseen(
     own = tables["generalisation"]
     others = own[own["method"].isin(ONE_CASE_AT_A_TIME)]
     cases = pd.concat([learned, others[learned.columns]], ignore_index=True)
+    if "patient" in own:
+        whose = own.drop_duplicates("case_id").set_index("case_id")["patient"]
+        cases["patient"] = cases["case_id"].map(whose)
     at_modes = {method: t for method, t in cases[cases["modes"] == modes].groupby("method")}
     generator = np.random.default_rng(seed)
     rows = []

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import joblib
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.stats import norm
 
 from ssm_pipeline.fitting.cross_validation import (
@@ -25,6 +25,7 @@ from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.distances import SurfaceTarget
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
@@ -84,15 +85,21 @@ def fits_of_parts(
     with_scale: bool = False,
     seed: int = 0,
     jobs: int = 1,
+    patients: Sequence[str] | None = None,
 ) -> LeftOutFits:
     """The model's cases, each fitted where it is `observed` (V,) alone, by the others' model.
 
-    shapes  as matched, each in its own millimetres; meshes: in the same order.
+    shapes  as matched, each in its own millimetres; meshes: in the same order; patients: as
+            `cross_validate` takes them.
     """
-    work = Parallel(n_jobs=jobs)(
-        delayed(_completed_without)(shapes, index, mesh, observed, with_scale, seed)
+    patients = shapes.case_ids if patients is None else patients
+    tasks = (
+        joblib.delayed(_completed_without)(
+            shapes, index, mesh, observed, with_scale, seed, patients
+        )
         for index, mesh in enumerate(meshes)
     )
+    work = list(in_processes(tasks, jobs))
     distances, stated = (np.stack([case[part] for case in work]) for part in (0, 1))
     return LeftOutFits(distances, stated, of_common_modes([case[2] for case in work]))
 
@@ -113,9 +120,10 @@ def _completed_without(
     observed: np.ndarray,
     with_scale: bool,
     seed: int,
+    patients: Sequence[str],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of one case: distances (V,) mm, variances stated (V,) mm², errors of the scores (M,)."""
-    model, start = model_without(shapes, index, with_scale)
+    model, start = model_without(shapes, index, with_scale, patients)
     matched = Mesh(shapes.vertices[index], shapes.faces, shapes.case_ids[index])
     part = cut_as_observed(mesh, matched, observed)
     fitted = fit(model, part, start, with_scale, points=POINTS, steps=STEPS, seed=seed)

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import joblib
 import numpy as np
-from joblib import Parallel, delayed
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.model import ShapeModel
@@ -77,21 +78,29 @@ def cross_validate(
     with_scale: bool = False,
     seed: int = 0,
     jobs: int = 1,
+    patients: Sequence[str] | None = None,
 ) -> CrossValidation:
     """Leave each case out, build the model of the others, fit it to that case's own surface.
 
-    shapes  as matched, each in its own millimetres; meshes: in the same order.
-    Raises  StudyError for fewer than six cases.
+    shapes    as matched, each in its own millimetres; meshes: in the same order.
+    patients  (N,) whom each case is of: a patient's other cases are left out of the model, too.
+    Raises    StudyError for fewer than six cases, and where fewer than five would be left.
     """
-    count = len(shapes.case_ids)
-    if count < FEWEST_CASES:
+    patients = shapes.case_ids if patients is None else patients
+    if not can_judge(patients):
         raise StudyError(
             f"a fit is judged by the model's own cases, left out in turn; {FEWEST_CASES} or more "
-            f"are needed for that, and the model has {count}."
+            f"are needed for that, {FEWEST_CASES - 1} of other patients than the one left out, and "
+            f"the model has {len(patients)}, of {len(set(patients))}."
         )
-    work = Parallel(n_jobs=jobs)(
-        delayed(_left_out)(shapes, index, mesh, with_scale, seed)
-        for index, mesh in enumerate(meshes)
+    work = list(
+        in_processes(
+            (
+                joblib.delayed(_left_out)(shapes, index, mesh, with_scale, seed, patients)
+                for index, mesh in enumerate(meshes)
+            ),
+            jobs,
+        )
     )
     fits: list[Fit] = [fitted for fitted, _, _ in work]
     _, frames = align(shapes, with_scale)
@@ -108,6 +117,15 @@ def cross_validate(
         distances_mm=np.stack([fitted.distances_mm for fitted in fits]),
         stated_mm2=np.stack([stated for _, stated, _ in work]),
     )
+
+
+def can_judge(patients: Sequence[str]) -> bool:
+    """Whether a model of cases of these patients (N,) has enough left whoever is left out.
+
+    >>> can_judge(["a", "b", "c", "d", "e", "f"]), can_judge(["a", "a", "b", "b", "c", "c"])
+    (True, False)
+    """
+    return len(patients) - max(map(list(patients).count, patients)) >= FEWEST_CASES - 1
 
 
 def of_common_modes(errors: Sequence[np.ndarray]) -> np.ndarray:
@@ -133,19 +151,25 @@ def score_inflation(errors: np.ndarray) -> float:
 
 
 def model_without(
-    shapes: CorrespondedShapes, left_out: int, with_scale: bool
+    shapes: CorrespondedShapes, left_out: int, with_scale: bool, patients: Sequence[str]
 ) -> tuple[ShapeModel, Similarity]:
-    """The model of all cases but one, and the frame from it to that case's own millimetres."""
-    kept = np.delete(np.arange(len(shapes.case_ids)), left_out)
+    """The model without one case and all others of its patient (N,), and the frame from it to that
+    case's own millimetres."""
+    kept = np.flatnonzero(np.array(patients) != patients[left_out])
     model = pca_model(align(shapes.subset(kept), with_scale)[0])
     return model, best_similarity(model.mean, shapes.vertices[left_out], with_scale=with_scale)
 
 
 def _left_out(
-    shapes: CorrespondedShapes, index: int, mesh: Mesh, with_scale: bool, seed: int
+    shapes: CorrespondedShapes,
+    index: int,
+    mesh: Mesh,
+    with_scale: bool,
+    seed: int,
+    patients: Sequence[str],
 ) -> tuple[Fit, np.ndarray, np.ndarray]:
     """The fit, its `surface_variance`, and the scores' errors."""
-    model, start = model_without(shapes, index, with_scale)
+    model, start = model_without(shapes, index, with_scale, patients)
     fitted = fit(model, mesh, start, with_scale, seed=seed)
     true = model.coefficients(start.inverse().apply(shapes.vertices[index]))
     return fitted, surface_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

@@ -88,6 +88,7 @@ class Yardstick:
     shapes      the model's cases as matched, and their own meshes; reference: `cross_validate` of
                 both.
     with_scale  whether their alignment removed size.
+    patients    (N,) whom each case is of; None: each its own.
     """
 
     model: ShapeModel
@@ -95,6 +96,7 @@ class Yardstick:
     meshes: Sequence[Mesh]
     reference: CrossValidation
     with_scale: bool = False
+    patients: Sequence[str] | None = None
 
 
 def fit_patient(
@@ -126,7 +128,13 @@ def fit_patient(
             "were seen, the rest is completed"
         )
         left_out = fits_of_parts(
-            yardstick.shapes, yardstick.meshes, own.observed, with_scale, seed, jobs
+            yardstick.shapes,
+            yardstick.meshes,
+            own.observed,
+            with_scale,
+            seed,
+            jobs,
+            yardstick.patients,
         )
     else:
         left_out = reference.left_out

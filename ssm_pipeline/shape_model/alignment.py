@@ -17,12 +17,14 @@ def align(
     """Remove each shape's pose (and size, if asked) by turning all onto their common mean.
 
     The mean keeps the template's orientation, so "up" stays up, and is centred at the origin.
+    Without size, all are as large as they are on average, whichever of them is the template.
     Returns the aligned shapes and, per case, the frame from its own millimetres to the model's.
     Source: Gower 1975; Dryden and Mardia 1998, ch. 4.
     """
     points = shapes.vertices
     reference = shapes.template - shapes.template.mean(axis=0)
-    mean, size = reference, np.linalg.norm(reference)
+    mean = reference
+    size = np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=(1, 2)).mean()
     for _ in range(100):
         frames = [best_similarity(shape, mean, with_scale=with_scale) for shape in points]
         aligned = np.stack([f.apply(shape) for f, shape in zip(frames, points, strict=True)])

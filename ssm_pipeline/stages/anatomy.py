@@ -74,7 +74,7 @@ def anatomy_of(context: Context, meshes: Sequence[Mesh]) -> Anatomy:
 
 
 def means_of_methods(
-    scores: Mapping[str, Metrics], draws: int, seed: int
+    scores: Mapping[str, Metrics], draws: int, seed: int, patients: Mapping[str, str]
 ) -> dict[str, pd.DataFrame]:
     """labels_mean and landmarks_mean, where known: a row per method, against `full`."""
     from ssm_pipeline.evaluation.carried_labels import label_means
@@ -88,7 +88,8 @@ def means_of_methods(
             if f"{name}_pairs" in metrics.tables
         }
         if pairs:
-            tables[f"{name}s_mean"] = means(pairs, FULL, draws, np.random.default_rng(seed))
+            generator = np.random.default_rng(seed)
+            tables[f"{name}s_mean"] = means(pairs, FULL, draws, generator, patients)
     return tables
 
 

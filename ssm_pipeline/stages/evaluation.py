@@ -22,7 +22,7 @@ from ssm_pipeline.stages.compared_methods import (
     fitted_shapes,
     method_folder,
 )
-from ssm_pipeline.stages.context import Context, patients_of
+from ssm_pipeline.stages.context import SCORES, Context, patients_of
 from ssm_pipeline.stages.retrained_folds import unseen_tables
 from ssm_pipeline.stages.run import Run
 from ssm_pipeline.study.settings import StudySettings
@@ -60,7 +60,8 @@ def evaluate_methods(context: Context) -> Outcome:
         true_shapes = true_correspondence(template, truth, tuple(context.case_keys))
         scores[TRUTH] = _scores(context, TRUTH, settings, true_shapes, meshes, anatomy)
     draws, is_luna16 = settings.evaluation.bootstrap_draws, isinstance(settings.data, Luna16Data)
-    anatomical = means_of_methods(scores, draws, settings.seed)
+    patients = patients_of(context, list(context.case_keys))
+    anatomical = means_of_methods(scores, draws, settings.seed, patients)
     label_pairs = {
         method: metrics.tables["label_pairs"]
         for method, metrics in scores.items()
@@ -112,6 +113,7 @@ def _scores(
     folder = method_folder(context, method)
     mesh_keys = context.done["meshing"].case_keys
     key = key_of(
+        SCORES,
         method,
         key_of_arrays(shapes.vertices, shapes.faces),
         [mesh_keys[case_id] for case_id in shapes.case_ids],

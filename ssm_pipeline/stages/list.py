@@ -58,7 +58,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         needs=("spectral", "correspondence"),
         version=2,
     ),
-    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",), version=2),
+    Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",), version=3),
     Stage(
         "evaluation",
         evaluate_methods,

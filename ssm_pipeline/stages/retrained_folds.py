@@ -22,7 +22,7 @@ from ssm_pipeline.methods import FULL, ONE_CASE_AT_A_TIME, Method
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.stages.anatomy import Anatomy
 from ssm_pipeline.stages.compared_methods import Learned, MissingPackage, shapes_of
-from ssm_pipeline.stages.context import Context, patients_of, training_bases
+from ssm_pipeline.stages.context import SCORES, Context, patients_of, training_bases
 from ssm_pipeline.stages.resumable_training import matcher_of_cases
 from ssm_pipeline.study.settings import StudySettings
 
@@ -86,7 +86,8 @@ def unseen_tables(
         for name, parts in tables.items()
     }
     if FULL in pairs:
-        result["unseen_labels_mean"] = _label_means(settings, pairs, label_pairs)
+        patients = patients_of(context, [mesh.case_id for mesh in meshes])
+        result["unseen_labels_mean"] = _label_means(settings, pairs, label_pairs, patients)
     return result
 
 
@@ -94,6 +95,7 @@ def _label_means(
     settings: StudySettings,
     unseen: Mapping[str, pd.DataFrame],
     of_the_run: Mapping[str, pd.DataFrame],
+    patients: Mapping[str, str],
 ) -> pd.DataFrame:
     from ssm_pipeline.evaluation.carried_labels import label_means
 
@@ -103,8 +105,8 @@ def _label_means(
         for method, table in of_the_run.items()
         if method in ONE_CASE_AT_A_TIME
     }
-    generator = np.random.default_rng(settings.seed)
-    return label_means({**unseen, **others}, FULL, settings.evaluation.bootstrap_draws, generator)
+    draws, generator = settings.evaluation.bootstrap_draws, np.random.default_rng(settings.seed)
+    return label_means({**unseen, **others}, FULL, draws, generator, patients)
 
 
 def _folds(context: Context, settings: StudySettings, meshes: Sequence[Mesh]) -> list[Fold]:
@@ -154,6 +156,7 @@ def _scores(
     shapes = shapes_of(context, fold.learned, method, meshes)
     folder = fold.learned.folder / "scores"
     key = context.key_of(
+        SCORES,
         method,
         key_of_arrays(shapes.vertices, shapes.faces),
         settings.evaluation,

@@ -71,6 +71,17 @@ class Run:
         return self.model.case_ids
 
     @property
+    def patients(self) -> dict[str, str]:
+        """Case → patient, of the cases in the model; a model that was imported knows none, and each
+        case counts as a patient."""
+        path = self.folder / "data" / "cohort.csv"
+        known: dict[str, str] = {}
+        if path.exists():
+            table = storage.read_table(path)
+            known = dict(zip(table["case_id"], table["patient"], strict=True))
+        return {case_id: known.get(case_id, case_id) for case_id in self.cases}
+
+    @property
     def dropped(self) -> tuple[Dropped, ...]:
         return tuple(Dropped(**case) for stage in self.stages for case in stage.dropped)
 

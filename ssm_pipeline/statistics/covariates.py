@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,8 +126,14 @@ def design_of(formula: str, covariates: pd.DataFrame) -> Design:
         for term, places in made.model_spec.term_indices.items()
         for place in places
     }
+    bases = {}
+    for factor, state in made.model_spec.factor_contrasts.items():
+        for name in formulaic.Formula(f"~ {factor}").required_variables:
+            _check_groups(str(name), used[str(name)])
+        coded = state.contrasts.get_coding_column_names(state.levels, reduced_rank=True)
+        bases[str(factor)] = str(next(level for level in state.levels if level not in coded))
     columns = [
-        _column(place, names[place], terms[names[place]], matrix[:, place], used)
+        _column(place, names[place], terms[names[place]], matrix[:, place], bases)
         for place in range(1, len(names))
     ]
     return Design(text, matrix, tuple(columns), used)
@@ -148,14 +154,18 @@ def _check_values(used: pd.DataFrame, variables: Sequence[str]) -> None:
                 "Nothing can be compared along it; leave it out of the formula."
             )
         if not pd.api.types.is_numeric_dtype(values) or pd.api.types.is_bool_dtype(values):
-            counts = values.value_counts()
-            if counts.min() < FEWEST_IN_GROUP:
-                few = counts.idxmin()
-                raise StudyError(
-                    f"the group {name} = {few} has {counts.min()} of {len(values)} cases; "
-                    f"{FEWEST_IN_GROUP} or more a group are needed. Unite groups, or leave the "
-                    "covariate out."
-                )
+            _check_groups(name, values)
+
+
+def _check_groups(name: str, values: pd.Series) -> None:
+    """Raise StudyError for a group of fewer than three."""
+    counts = values.value_counts()
+    if counts.min() < FEWEST_IN_GROUP:
+        raise StudyError(
+            f"the group {name} = {counts.idxmin()} has {counts.min()} of {len(values)} cases; "
+            f"{FEWEST_IN_GROUP} or more a group are needed. Unite groups, or leave the covariate "
+            "out."
+        )
 
 
 def _check_size(matrix: np.ndarray, names: Sequence[str], count: int) -> None:
@@ -174,12 +184,14 @@ def _check_size(matrix: np.ndarray, names: Sequence[str], count: int) -> None:
         )
 
 
-def _column(place: int, name: str, term: str, values: np.ndarray, used: pd.DataFrame) -> Column:
-    variable, bracket, level = name.partition("[T.")
+def _column(
+    place: int, name: str, term: str, values: np.ndarray, bases: Mapping[str, str]
+) -> Column:
+    """bases: factor → the group that the others are held against."""
+    factor, bracket, level = name.partition("[T.")
     if bracket and ":" not in name:
-        level = level.rstrip("]")
-        base = next(v for v in sorted(map(str, used[variable].unique())) if v != level)
-        return Column(place, term, f"{variable}: {level} against {base}", 1.0)
+        text = f"{factor}: {level.rstrip(']')} against {bases[factor]}"
+        return Column(place, term, text, 1.0)
     if set(np.unique(values)) <= {0.0, 1.0}:
         return Column(place, term, f"{name}: 1 against 0", 1.0)
     step = float(values.std(ddof=1))

@@ -150,7 +150,7 @@ def test_by_matcher_the_template_is_laid_on_the_patient(
     words = ("fit", str(run_copy), *files, "--by", "matcher", "--jobs", "1")
     said = workflow(*words)
     assert said.code == 0, said.stderr
-    assert "the model has 4 cases of its own, and fits are judged by 6 or more" in said.stdout
+    assert "has 4 cases of its own, of 4 patients, and fits are judged by 6 or more" in said.stdout
     table = pd.read_csv("fits/fits.csv")
     assert list(table["case_id"]) == ["ball_4", "ball_2"]
     assert set(table["by"]) == {"matcher"}
@@ -227,6 +227,20 @@ def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
     (own / "compare" / "age" / "power.csv").unlink()
     again = workflow("compare", str(own), *words, "--formula", "~ age + 1")
     assert "compare/age can't be shown: power.csv is missing" in again.stderr
+
+
+def test_several_cases_of_a_patient_are_not_compared(workflow: Workflow, run: Path, tmp_path: Path):
+    own = tmp_path / "runs" / "sides"
+    shutil.copytree(run, own)
+    assert set(load_run(own).patients.values()) == set(IDS)  # an imported model knows no patients
+    sides = pd.DataFrame({"case_id": IDS, "patient": [f"p{number // 2}" for number in range(12)]})
+    (own / "data").mkdir()
+    sides.to_csv(own / "data" / "cohort.csv", index=False)
+    pd.DataFrame({"case_id": IDS, "age": np.linspace(40, 70, 12)}).to_csv("a.csv", index=False)
+    refused = workflow("compare", str(own), "--covariates", "a.csv", "--formula", "~ age")
+    assert refused.code == 1
+    assert "6 patients have several cases" in refused.stderr
+    assert "p0, p1, p2 …" in refused.stderr
 
 
 def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path):

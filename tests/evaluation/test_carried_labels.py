@@ -135,7 +135,8 @@ def test_the_interval_covers_the_mean_as_often_as_it_says():
     for _ in range(trials):
         effect = generator.standard_normal(count)
         pairs = effect[:, None] + effect[None] + 0.3 * generator.standard_normal((count, count))
-        interval = pair_interval(pairs, resampled_cases(count, 300, generator))
+        cases = [str(case) for case in range(count)]
+        interval = pair_interval(pairs, resampled_cases(cases, 300, generator))
         covered += interval.low <= 0 <= interval.high
     # 95 % of 200 with a standard error of 1.6 %; the percentile bootstrap falls a little short.
     assert 0.87 < covered / trials <= 1

@@ -60,7 +60,7 @@ def with_draws(metrics: Metrics, shift: float) -> Metrics:
     draws = pd.DataFrame({"modes": 2, "draw": range(50), "surface_mm": 5 + noise + shift})
     jackknife = pd.DataFrame(
         [
-            {"case_id": case, "modes": 2, "half": half, "surface_mm": 5 + e + shift}
+            {"left_out": case, "modes": 2, "half": half, "surface_mm": 5 + e + shift}
             for case, e in zip("abcd", effect, strict=True)
             for half in (0, 1)
         ]

@@ -11,7 +11,7 @@ from ssm_pipeline.evaluation import paired
 from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.paired import holm, over_cases, over_left_out_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
-from ssm_pipeline.evaluation.specificity_jackknife import without_each_case
+from ssm_pipeline.evaluation.specificity_jackknife import without_each
 from ssm_pipeline.shape_model.alignment import align
 
 
@@ -46,12 +46,32 @@ def test_interval_covers_the_truth_as_often_as_it_says():
     assert found / 200 <= 0.12  # and its p a little small
 
 
+def test_intervals_hold_where_a_patient_has_two_cases():
+    """Both sides of a patient differ alike: twelve patients are twelve, not twenty-four."""
+    generator = np.random.default_rng(2)
+    ids = [f"{number:02d}" for number in range(24)]
+    base = pd.DataFrame({"case_id": ids, "x_mm": 0.0})
+    shared, own = np.sqrt([0.8, 0.2])
+    covered = {"patient": 0, "case": 0}
+    for _ in range(200):
+        of_patients = generator.normal(size=12).repeat(2)
+        cases = base.assign(x_mm=shared * of_patients + own * generator.normal(size=24))
+        for whose, table in (
+            ("patient", cases.assign(patient=np.arange(12).repeat(2))),
+            ("case", cases),
+        ):
+            interval = over_cases(table, base, "x_mm", 400, generator)
+            covered[whose] += interval.low <= 0 <= interval.high
+    assert covered["patient"] / 200 >= 0.88
+    assert covered["case"] / 200 <= 0.86  # what it would be worth to forget it
+
+
 def test_jackknife_covers_the_truth_as_often_as_it_says():
     """A difference that is the mean of what each case contributes: its error is known, σ/√N."""
     generator, covered, count = np.random.default_rng(1), 0, 25
     ids = [f"{i:02d}" for i in range(count)]
     zero = pd.DataFrame(
-        [{"case_id": i, "half": half, "surface_mm": 0.0} for i in ids for half in (0, 1)]
+        [{"left_out": i, "half": half, "surface_mm": 0.0} for i in ids for half in (0, 1)]
     )
     for _ in range(200):
         of_cases = generator.normal(0.3, 1.0, count)
@@ -80,9 +100,27 @@ def test_models_without_each_case_do_not_look_at_its_mesh():
         type(mesh)(vertices, mesh.faces, mesh.case_id)
         for mesh, vertices in zip(meshes, aligned.vertices, strict=True)
     ]
-    table = without_each_case(AlignedCohort(aligned, own), 3, settings, np.random.default_rng(0))
-    assert table["case_id"].tolist() == [case for case in aligned.case_ids for _ in (0, 1)]
+    table = without_each(AlignedCohort(aligned, own), 3, settings, np.random.default_rng(0))
+    assert table["left_out"].tolist() == [case for case in aligned.case_ids for _ in (0, 1)]
     far = [*own[:-1], type(own[-1])(own[-1].vertices + 1e4, own[-1].faces, own[-1].case_id)]
-    moved = without_each_case(AlignedCohort(aligned, far), 3, settings, np.random.default_rng(0))
-    last = table["case_id"] == aligned.case_ids[-1]
+    moved = without_each(AlignedCohort(aligned, far), 3, settings, np.random.default_rng(0))
+    last = table["left_out"] == aligned.case_ids[-1]
     assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
+
+
+def test_a_patients_cases_are_left_out_together():
+    shapes, meshes = wavy_cohort(8, subdivisions=2)
+    cohort = AlignedCohort(align(shapes)[0], meshes)
+    settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=40)
+    patients = ["a", "b", "c", "d", "d", "c", "b", "a"]
+    table = without_each(cohort, 4, settings, np.random.default_rng(0), patients=patients)
+    assert table["left_out"].tolist() == ["a", "a", "b", "b", "c", "c", "d", "d"]
+    far = [
+        type(mesh)(mesh.vertices + (1e4 if patient == "d" else 0), mesh.faces, mesh.case_id)
+        for mesh, patient in zip(meshes, patients, strict=True)
+    ]
+    moved = without_each(
+        AlignedCohort(cohort.shapes, far), 4, settings, np.random.default_rng(0), patients=patients
+    )
+    of_d = table["left_out"] == "d"  # neither of its meshes was looked at
+    assert moved["surface_mm"][of_d].tolist() == table["surface_mm"][of_d].tolist()

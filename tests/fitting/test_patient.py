@@ -24,7 +24,7 @@ from ssm_pipeline.fitting.patient import Yardstick, fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
 from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
 from ssm_pipeline.geometry.distances import SurfaceTarget
-from ssm_pipeline.records import Mesh, StudyError
+from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
@@ -133,7 +133,7 @@ def test_a_cut_case_keeps_the_part_that_was_seen():
 
 def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
     shapes, reference = cohort[0].shapes, cohort[0].reference
-    model, _ = model_without(shapes, 3, with_scale=False)
+    model, _ = model_without(shapes, 3, False, shapes.case_ids)
     assert shapes.case_ids[3] not in model.case_ids
     # Were the case in the model, nothing but the triangulation would be left of it.
     assert reference.residual_mm.min() > 0.2
@@ -148,9 +148,30 @@ def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path):
     np.testing.assert_array_equal(again.left_out.distances_mm, reference.distances_mm)
 
 
+def test_a_patients_other_case_does_not_help_to_judge():
+    """Two nearly equal cases a patient: by a model with the other, each is fitted at once."""
+    shapes = bumpy_cohort(8, seed=3, rough_mm=0.8)
+    twins = np.random.default_rng(0).normal(0, 0.02, shapes.vertices.shape)
+    both = CorrespondedShapes(
+        np.concatenate([shapes.vertices, shapes.vertices + twins]),
+        shapes.faces,
+        tuple(f"{name}{side}" for side in "lr" for name in shapes.case_ids),
+        f"{shapes.case_ids[0]}l",
+    )
+    patients = [*shapes.case_ids, *shapes.case_ids]
+    model, _ = model_without(both, 3, False, patients)
+    assert {patients[both.case_ids.index(name)] for name in model.case_ids} == {
+        *shapes.case_ids
+    } - {patients[3]}
+    alone = cross_validate(shapes, surfaces_of(shapes)).residual_mm
+    found = cross_validate(both, surfaces_of(both), patients=patients).residual_mm
+    assert np.median(found) > 0.8 * np.median(alone)
+    assert np.median(cross_validate(both, surfaces_of(both)).residual_mm) < 0.5 * np.median(alone)
+
+
 def test_five_cases_are_too_few_to_judge_by():
     shapes = bumpy_cohort(5)
-    with pytest.raises(StudyError, match="6 or more are needed for that, and the model has 5"):
+    with pytest.raises(StudyError, match="and the model has 5, of 5"):
         cross_validate(shapes, surfaces_of(shapes))
 
 

@@ -110,6 +110,21 @@ def test_alignment_undoes_any_pose(with_scale):
         np.testing.assert_allclose(aligned.vertices[0], moved[0] - moved[0].mean(0), atol=1e-6)
 
 
+def test_a_model_without_size_is_the_same_whichever_case_is_the_template():
+    generator = np.random.default_rng(0)
+    sizes = np.linspace(0.7, 1.4, 6)[:, None, None]
+    cases = sizes * (blob(1, faces=200).vertices + generator.normal(0, 0.5, (6, 102, 3)))
+    spread = []
+    for template in ("a", "f"):
+        shapes = CorrespondedShapes(cases, blob(1, faces=200).faces, tuple("abcdef"), template)
+        aligned, _ = align(shapes, with_scale=True)
+        spread.append(pca_model(aligned).variances.sum())
+        means = aligned.vertices.mean(axis=0)
+        size = np.linalg.norm(cases - cases.mean(axis=1, keepdims=True), axis=(1, 2)).mean()
+        assert np.linalg.norm(means - means.mean(axis=0)) == pytest.approx(size, rel=1e-3)
+    assert spread[0] == pytest.approx(spread[1], rel=1e-6)
+
+
 def test_alignment_keeps_what_is_not_pose():
     shapes, *_ = hand_made()
     aligned, _ = align(shapes)

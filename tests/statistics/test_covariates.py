@@ -92,3 +92,14 @@ def test_more_columns_than_the_cases_carry_are_refused_with_the_number_they_do()
     generator = np.random.default_rng(1)
     many = {f"x{index}": generator.standard_normal(20) for index in range(4)}
     refused("so 3 columns at most", "~ x0 + x1 + x2 + x3", **many)
+
+
+def test_numbers_as_groups_are_named_by_the_group_they_are_held_against():
+    stages = matched_to_cases(table(stage=[2, 3, 10, 2] * 5), IDS)
+    design = design_of("~ C(stage)", stages)
+    names = [column.name for column in design.columns]
+    assert names == ["C(stage): 3 against 2", "C(stage): 10 against 2"]
+    assert design.matrix[:, 2].sum() == 5
+    (column,) = design_of("~ C(sex, contr.treatment('M'))", stages).columns
+    assert column.name == "C(sex, contr.treatment('M')): F against M"
+    refused("the group stage = 4 has 2 of 20 cases", "~ C(stage)", stage=[2, 3] * 9 + [4, 4])
