@@ -155,6 +155,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
     study's groupwise rounds, of the run's own cases. Raises CaseError for an open surface."""
     from ssm_pipeline.adaptation.correspond import correspond, correspond_again
     from ssm_pipeline.geometry.topology import is_oriented_manifold
+    from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.shape_model.groupwise import groupwise_rounds
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.training.matcher import load_matcher
@@ -170,10 +171,20 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
     shapes = run.shapes
     if surface.case_id in shapes.case_ids:  # a case of the model, fitted as if it were new
         surface = Mesh(surface.vertices, surface.faces, f"{surface.case_id}, fitted again")
-    template = spectral_basis(run.mesh(run.template_id), settings.spectral)
-    patient = spectral_basis(surface, settings.spectral)
+    (template, of_template), (patient, of_patient) = (
+        (
+            spectral_basis(mesh, settings.spectral),
+            spectral_basis(decimate(mesh, settings.training.faces), settings.spectral),
+        )
+        for mesh in (run.mesh(run.template_id), surface)
+    )
     match = correspond(
-        template, patient, load_matcher(matcher_file), settings.adaptation, seed=settings.seed
+        template,
+        patient,
+        load_matcher(matcher_file),
+        settings.adaptation,
+        coarse=(of_template, of_patient),  # as dense as the networks were trained on
+        seed=settings.seed,
     )
 
     def match_patient(number: int, starts: Mapping[str, np.ndarray]) -> list[Correspondence]:

@@ -20,8 +20,9 @@ LIMIT = 1.0  # above 2: the range of the curve
 def interpolation_quality(path: ShapePath) -> pd.DataFrame:
     """A row per stored time: what X(t, t) does to the template, and what the straight line does.
 
-    X(t, t) begins as the template and ends as the case's corresponding points X(1, 1), and so does
-    the straight line (1 − t) X(0, 0) + t X(1, 1). Columns, and each again with `straight_`:
+    X(t, t) begins as the template and ends as the path's own points of the case X(1, 1), which the
+    model's correspondence, of another start and groupwise rounds, need not equal; so does the
+    straight line (1 − t) X(0, 0) + t X(1, 1). Columns, and each again with `straight_`:
         t
         conformal_distortion       mean over the triangles of σ₁/σ₂ + σ₂/σ₁ against t = 0 (2 where
                                    angles are kept, whatever the size; at most WORST)

@@ -24,8 +24,10 @@ def fits_to_held_out(
 ) -> pd.DataFrame:
     """How well a model built without a case can be fitted to that case's surface.
 
-    Unlike `generalisation`, nothing of the held-out case but its mesh is used: the model finds its
-    pose and its scores by itself (`fitting.model_fit`), and is held by its prior.
+    Unlike `generalisation`, no point of the held-out case's correspondence is used: the model finds
+    its scores by itself (`fitting.model_fit`), and is held by its prior. It starts from the pose
+    that the correspondence gives, and corrects it: where a patient lies unknown, `workflow fit`
+    searches for the pose first, which is not scored here.
 
     folds  the cases held out at a time (`held_out_folds`).
     modes  of each model, at most as many as it has and MOST_MODES.
