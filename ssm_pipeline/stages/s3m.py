@@ -53,6 +53,7 @@ def s3m_shapes(
 
         aligned, frames = rigidly_aligned(template, meshes, context.seed)
         trained = _trained(context, settings, key, aligned, folder, seen)
+        _write_losses(trained, folder)  # of a network that was kept, too: they may have been lost
         with context.terminal.steps("S3M, matching", len(meshes)) as steps:
             match = match_s3m(
                 aligned,
@@ -132,8 +133,7 @@ def _trained(
             save_tensors(dict(checkpoint.__dict__), path(epoch))
             if epoch - 1 not in KEPT_EPOCHS:  # only ever the last, and those to be scored
                 path(epoch - 1).unlink(missing_ok=True)
-            losses = pd.DataFrame({"epoch": range(1, epoch + 1), "loss": checkpoint.losses})
-            storage.write_table(losses, folder / "losses.csv")
+            _write_losses(checkpoint, folder)
             steps.advance_to(epoch, f"loss {checkpoint.losses[-1]:.3g}")
 
         return train_s3m(
@@ -145,3 +145,8 @@ def _trained(
             start,
             on_epoch,
         )
+
+
+def _write_losses(checkpoint: Checkpoint, folder: Path) -> None:
+    losses = pd.DataFrame({"epoch": range(1, checkpoint.epoch + 1), "loss": checkpoint.losses})
+    storage.write_table(losses, folder / "losses.csv")
