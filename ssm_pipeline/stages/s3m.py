@@ -24,6 +24,7 @@ from ssm_pipeline.stages.context import Context
 if TYPE_CHECKING:  # at run time inside the functions: reading a finished run needs no PyTorch
     from ssm_pipeline.baselines.s3m.training import Checkpoint
 
+LOSSES_FILE = "losses.csv"
 KEPT_EPOCHS = (1, 3, 10, 30)  # of a training, where it can be scored afterwards
 
 
@@ -53,7 +54,7 @@ def s3m_shapes(
 
         aligned, frames = rigidly_aligned(template, meshes, context.seed)
         trained = _trained(context, settings, key, aligned, folder, seen)
-        _write_losses(trained, folder)  # of a network that was kept, too: they may have been lost
+        _write_losses(trained, folder)  # of a network that was kept, too: they may be torn
         with context.terminal.steps("S3M, matching", len(meshes)) as steps:
             match = match_s3m(
                 aligned,
@@ -81,6 +82,9 @@ def s3m_shapes(
     )
     if result.dropped is not None:
         raise CaseError("in the comparison", result.dropped)
+    network = network_path(folder, key, settings.epochs)
+    if not (folder / LOSSES_FILE).exists() and network.exists():  # found damaged, and deleted
+        _write_losses(_read(network), folder)
     return storage.load(CorrespondedShapes, folder / row / "points.npz")
 
 
@@ -113,17 +117,16 @@ def _trained(
     import torch
 
     from ssm_pipeline.baselines.s3m.s3m import train_s3m
-    from ssm_pipeline.baselines.s3m.training import Checkpoint
-    from ssm_pipeline.training.matcher import load_tensors, save_tensors
+    from ssm_pipeline.training.matcher import save_tensors
 
     def path(epoch: int | str) -> Path:
         return network_path(folder, key, epoch)
 
     if path(settings.epochs).exists():
-        return Checkpoint(**load_tensors(path(settings.epochs)))
+        return _read(path(settings.epochs))
     found = {int(p.stem.rpartition("-")[2]): p for p in folder.glob(path("*").name)}
     before = max((epoch for epoch in found if epoch < settings.epochs), default=None)
-    start = None if before is None else Checkpoint(**load_tensors(found[before]))
+    start = None if before is None else _read(found[before])
     if start is not None:
         context.terminal.say(f"      S3M goes on after epoch {start.epoch}")
     with context.terminal.steps("S3M, epochs of training", settings.epochs) as steps:
@@ -149,4 +152,11 @@ def _trained(
 
 def _write_losses(checkpoint: Checkpoint, folder: Path) -> None:
     losses = pd.DataFrame({"epoch": range(1, checkpoint.epoch + 1), "loss": checkpoint.losses})
-    storage.write_table(losses, folder / "losses.csv")
+    storage.write_table(losses, folder / LOSSES_FILE)
+
+
+def _read(network: Path) -> Checkpoint:
+    from ssm_pipeline.baselines.s3m.training import Checkpoint
+    from ssm_pipeline.training.matcher import load_tensors
+
+    return Checkpoint(**load_tensors(network))

@@ -84,3 +84,16 @@ def test_a_run_made_before_sizes_were_kept_goes_on(tiny_run: Path, copy: Path):
         record.write_text(json.dumps(content))
     run_study(NAME, tiny_settings(masks_of(tiny_run)), RunOptions(copy.parent), Terminal())
     assert load_run(copy).model.mode_count == 3
+
+
+@pytest.mark.parametrize("when", ["at its writing", "after the run"])
+def test_s3ms_losses_are_made_again_from_its_network(tiny_run: Path, copy: Path, when: str):
+    whole = results(copy)
+    losses = copy / "evaluation" / "S3M" / "losses.csv"
+    losses.write_bytes(losses.read_bytes()[:-9])
+    if when == "at its writing":  # the network was kept before, and nothing came after
+        for name in ("evaluation", "report"):
+            (copy / name / "stage.json").unlink()
+        shutil.rmtree(losses.with_name("shapes"))
+    run_tiny(masks_of(tiny_run), copy.parent)
+    assert results(copy) == whole
