@@ -139,11 +139,19 @@ def _metaimage_header(path: Path) -> tuple[dict[str, str], int]:
     fields: dict[str, str] = {}
     with path.open("rb") as file:
         for line in file:
-            key, _, value = line.decode("latin-1").partition("=")
+            key, _, value = _decoded(line).partition("=")
             fields.setdefault(key.strip(), value.strip())  # as MetaIO: the first one counts
             if key.strip() == "ElementDataFile":
                 break
         return fields, file.tell()
+
+
+def _decoded(line: bytes) -> str:
+    """As SimpleITK writes names, or as old programs on Windows do."""
+    try:
+        return line.decode()
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
 
 
 def _check_spacing(values: list[str], path: Path, case_id: str) -> None:

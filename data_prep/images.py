@@ -116,15 +116,17 @@ def select_labels(
         raise CaseError(image.case_id, f"no label was given for the {organ}; name at least one.")
     _refuse_soft_values(image)
     named = f"{organ} (label {', '.join(map(str, labels))})"
-    voxels = np.isin(image.labels, labels)
-    if not voxels.any():
-        found = np.unique(image.labels)
+    found = np.unique(image.labels)
+    absent = [label for label in labels if label not in found]
+    if absent:
         found = found[found != 0]
         listed = ", ".join(f"{value:g}" for value in found[:20]) or "none: the mask is empty"
+        what = named if len(absent) == len(labels) else f"{organ}'s label {absent[0]}"
         raise CaseError(
             image.case_id,
-            f"the {named} is absent; labels found: {listed}. Check the label numbers.",
+            f"the {what} is absent; labels found: {listed}. Check the label numbers.",
         )
+    voxels = np.isin(image.labels, labels)
     mask = organ_mask(image, voxels, named, allow_truncated)
     if len(set(labels)) == 1:
         return mask

@@ -19,6 +19,7 @@ from ssm_pipeline.records import CaseError
 
 _BYTES = 348
 _CHUNK = 1 << 22
+_UNITS_MM = {1: 1000.0, 3: 1e-3}  # xyzt_units: metres, micrometres; else millimetres
 RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -28,6 +29,7 @@ class NiftiHeader:
 
     quaternion  (6,): b, c, d, and the offsets x, y, z of the qform.
     srow        (3, 4): the sform.
+    unit_mm     of all lengths.
     """
 
     dim: tuple[int, ...]
@@ -38,6 +40,7 @@ class NiftiHeader:
     sform_code: int
     quaternion: tuple[float, ...]
     srow: np.ndarray
+    unit_mm: float = 1.0
 
     @property
     def needed_bytes(self) -> float:
@@ -71,6 +74,7 @@ class NiftiHeader:
             affine[:3, 3] = self.quaternion[3:]
         else:
             affine[:3, :3] = np.diag(sizes)
+        affine[:3] *= self.unit_mm
         return RAS_TO_LPS @ affine
 
 
@@ -104,6 +108,7 @@ def read_nifti_header(path: Path, case_id: str) -> tuple[NiftiHeader | None, int
             sform_code=sform_code,
             quaternion=struct.unpack_from(order + "6f", header, 256),
             srow=np.array(struct.unpack_from(order + "12f", header, 280)).reshape(3, 4),
+            unit_mm=_UNITS_MM.get(header[123] & 7, 1.0),
         ),
         found,
     )

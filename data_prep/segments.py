@@ -50,6 +50,7 @@ def read_segments(
         segments = read_dicom_segments(path, case_id)
     else:
         segments = read_slicer_segments(path, case_id)
+        threshold = None  # a segment is a label there, never a share
     chosen = [_match(name, segments, path, case_id) for name in names]
     masks = [
         select_labels(image, (value,), name, threshold=threshold)
@@ -127,6 +128,4 @@ def _match(name: str, segments: Segments, path: Path, case_id: str) -> tuple[Lab
     known = sorted({segment[0] for segment in segments})
     near = difflib.get_close_matches(name, known, n=1)
     hint = f" Did you mean {near[0]}?" if near else ""
-    raise CaseError(
-        case_id, f"{path.name} has no segment {name}; it has {', '.join(known)}.{hint}"
-    )
+    raise CaseError(case_id, f"{path.name} has no segment {name}; it has {', '.join(known)}.{hint}")

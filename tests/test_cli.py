@@ -83,6 +83,8 @@ def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Pa
     again = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     assert again.code == 1
     assert "exists" in again.stderr
+    other = workflow("init", "v1.2.yaml", "--masks", str(sphere_masks), "--label", "3")
+    assert "wrote v1.2.yaml. Look it over, then: workflow check v1.2\n" in other.stdout
 
 
 def test_init_on_surfaces_segments_and_probability_maps(workflow: Workflow, sphere_masks: Path):

@@ -48,7 +48,29 @@ MemoryGB = Annotated[
     float | None,
     typer.Option("--memory-gb", help="Most that a process takes for a case.", show_default=False),
 ]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.")]
+
+
+def named(folder: Path) -> Path:
+    """The folder by its name, where it was given as `.` or `..`: a run is called as its folder.
+
+    >>> named(Path()) == Path.cwd(), named(Path("runs/luna16"))
+    (True, PosixPath('runs/luna16'))
+    """
+    return folder if folder.name not in ("", "..") else folder.resolve()
+
+
+def run_name(study: str) -> str:
+    """What the run of a study is called: its name, which may have dots, or its YAML's.
+
+    >>> run_name("v1.2"), run_name("mine/liver.yaml")
+    ('v1.2', 'liver')
+    """
+    return Path(study).name.removesuffix(".yaml").removesuffix(".yml")
+
+
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A run, as runs/luna16.", callback=named)
+]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
 
 

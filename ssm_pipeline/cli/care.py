@@ -11,6 +11,7 @@ from ssm_pipeline.cli.app import (
     RunFolder,
     RunsFolder,
     app,
+    named,
 )
 
 
@@ -41,7 +42,9 @@ def verify(
 @app.command()
 def forget(
     case_id: Annotated[str, typer.Argument(metavar="CASE", help="The case to forget.")],
-    run_folder: Annotated[Path, typer.Option("--run", help="The run, as runs/luna16.")],
+    run_folder: Annotated[
+        Path, typer.Option("--run", help="The run, as runs/luna16.", callback=named)
+    ],
 ) -> None:
     """Delete every trace of a withdrawn case in a run, and all that was made with it."""
     from ssm_pipeline.commands.forget_case import forget_case

@@ -13,6 +13,7 @@ from ssm_pipeline.cli.app import (
     RunsFolder,
     StudyName,
     app,
+    run_name,
 )
 
 
@@ -29,7 +30,7 @@ def figures(
     """Figures for a paper: modes, interpolation, correspondence, quality curves."""
     from ssm_pipeline.commands.figures import draw_figures
 
-    for path in draw_figures(runs / Path(study).stem, formats.split(","), changes or []):
+    for path in draw_figures(runs / run_name(study), formats.split(","), changes or []):
         typer.echo(str(path))
 
 
@@ -51,7 +52,7 @@ def export(
     """The model for other programs: 3D Slicer, Blender, Scalismo, ShapeWorks, spreadsheets."""
     from ssm_pipeline.commands.export_run import export_run
 
-    for path in export_run(runs / Path(study).stem, folder, formats.split(","), pseudonymise):
+    for path in export_run(runs / run_name(study), folder, formats.split(","), pseudonymise):
         typer.echo(str(path))
 
 

@@ -18,6 +18,7 @@ from ssm_pipeline.cli.app import (
     RunsFolder,
     StudyName,
     app,
+    run_name,
     run_options,
 )
 
@@ -150,7 +151,7 @@ def init(
     how = {"labels": label, "segments": segment, "threshold": threshold, "unit": unit}
     data = data_of(masks, meshes, {**how, "mirror": mirror, "pattern": pattern})
     path = write_study(name, data)
-    typer.echo(f"wrote {path}. Look it over, then: workflow check {name}")
+    typer.echo(f"wrote {path}. Look it over, then: workflow check {path.stem}")
 
 
 @app.command()
@@ -193,7 +194,7 @@ def view(study: StudyName, runs: RunsFolder = Path("runs")) -> None:
 
     from ssm_pipeline.records import StudyError
 
-    page = runs / Path(study).stem / "report" / "index.html"
+    page = runs / run_name(study) / "report" / "index.html"
     if not page.is_file():
         raise StudyError(f"there is no {page}; make it with: workflow run {study}")
     typer.echo(str(page))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.export.comparison_files import write_comparison
 from ssm_pipeline.records import StudyError
@@ -50,8 +51,7 @@ def compare_cases(
         mode_count,
         permutations,
     )
-    words = re.sub(r"[^a-z0-9]+", "-", formula.lower()).strip("-")
-    place = folder or run_folder / COMPARISONS / words
+    place = folder or run_folder / COMPARISONS / folder_name(formula)
     note_export(run_folder, place)  # it names the cases: `workflow forget` tells of it
     write_comparison(result, place, run.model_key)
     page = place / "index.html"
@@ -68,6 +68,18 @@ def compare_cases(
     if report is not None:
         terminal.say(f"tab Compare: {report}")
     return result
+
+
+def folder_name(formula: str) -> str:
+    """Of a formula's results, and of no other formula's.
+
+    >>> folder_name("~ sex + age"), folder_name("~ sex:age")
+    ('sex-age', 'sex-age-8846')
+    """
+    words = re.sub(r"[^a-z0-9]+", "-", formula.lower()).strip("-") or "formula"
+    if re.fullmatch(r"~?\s*[a-z0-9]+(\s*\+\s*[a-z0-9]+)*\s*", formula):
+        return words
+    return f"{words}-{key_of(formula.strip())[:4]}"
 
 
 def _refuse_doubled_patients(run: Run) -> None:

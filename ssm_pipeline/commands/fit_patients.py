@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from data_prep.image_files import image_stem
+from data_prep.surface_files import SUFFIXES as SURFACES
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
@@ -85,8 +87,14 @@ def fit_patients(
 
     note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
     write_fits(fits, folder)
-    is_synthetic = settings.is_synthetic
-    write_fit_page(fits, folder / "index.html", run.folder.resolve().name, is_synthetic)
+    drawn = 0 if shapes.case_ids == run.shapes.case_ids else len(shapes.case_ids)
+    write_fit_page(
+        fits,
+        folder / "index.html",
+        run.folder.resolve().name,
+        settings.is_synthetic,
+        drawn=drawn,
+    )
     return fits
 
 
@@ -127,7 +135,7 @@ def reference_of(
     path = run.folder / "fitting" / f"cross_validation-{key[:12]}.npz"
     if path.is_file():
         return storage.load(CrossValidation, path)
-    terminal.say(f"fitting the model's own {len(shapes.case_ids)} cases, each left out, once")
+    terminal.say(f"fitting {len(shapes.case_ids)} cases, each left out of the model, once")
     with_scale = settings.shape_model.with_scale
     reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs, patients)
     storage.save(reference, path)
@@ -204,7 +212,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
 
 
 def _refuse_doubled(files: Sequence[Path]) -> None:
-    names = [path.name.split(".")[0] if path.suffix == ".gz" else path.stem for path in files]
+    names = [path.stem if path.suffix.lower() in SURFACES else image_stem(path) for path in files]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise StudyError(

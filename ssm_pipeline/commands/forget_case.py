@@ -9,6 +9,9 @@ from __future__ import annotations
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import exports_of
@@ -18,6 +21,7 @@ from ssm_pipeline.engine.ownership import OWNER_FILE, alone_in, delete_cases, re
 from ssm_pipeline.engine.run_log import EVENT_LOG, TEXT_LOG
 from ssm_pipeline.engine.withdrawn import withdraw
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.study.yaml_settings import read_yaml
 
 OF_ONE_CASE_EACH = ("data", "meshing", "spectral")  # stages whose cases don't see each other
 STALE_PAGE = """<!doctype html>
@@ -60,6 +64,7 @@ def forget_case(case_id: str, run_folder: Path) -> Forgotten:
         if (page := run_folder / "report" / "index.html") in before:
             storage.write_text(page, STALE_PAGE)
         forget_pseudonym(case_id, run_folder)
+        _forget_in_settings(run_folder / "study.yaml", case_id)
         for name in (TEXT_LOG, EVENT_LOG):
             _forget_lines(run_folder / name, case_id)
         exports = exports_of(run_folder)
@@ -79,8 +84,28 @@ def _forget_in_stage(stage: Path, case_id: str) -> None:
             storage.remove(path)
 
 
+def _forget_in_settings(path: Path, case_id: str) -> None:
+    """As a template, as one of data.cases, as left out with a reason."""
+    if path.is_file() and case_id in path.read_text(encoding="utf-8", errors="replace"):
+        left = without_value(read_yaml(path), case_id)
+        storage.write_text(path, yaml.safe_dump(left, sort_keys=False, allow_unicode=True))
+
+
+def without_value(settings: Any, value: str) -> Any:
+    """Settings without the keys, and the entries of lists, that are or hold the value.
+
+    >>> without_value({"template": "a", "data": {"cases": ["a", "b"], "exclude": {"a": "x"}}}, "a")
+    {'data': {'cases': ['b'], 'exclude': {}}}
+    """
+    if isinstance(settings, dict):
+        kept = {key: one for key, one in settings.items() if value not in (str(key), one)}
+        return {key: without_value(one, value) for key, one in kept.items()}
+    if isinstance(settings, list):
+        return [without_value(one, value) for one in settings if one != value]
+    return settings
+
+
 def _forget_lines(path: Path, case_id: str) -> None:
     if path.is_file():
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
         storage.write_text(path, "".join(line for line in lines if case_id not in line))
-

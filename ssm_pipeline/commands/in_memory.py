@@ -22,6 +22,7 @@ from ssm_pipeline.records import (
     Mesh,
     SpectralBasis,
     StudyError,
+    refuse_doubled,
 )
 from ssm_pipeline.shape_model.correspondence import collect
 from ssm_pipeline.shape_model.groupwise import groupwise_rounds
@@ -139,7 +140,7 @@ def match_cohort(
     rounds    groupwise rounds: the mean of the shapes so far is adapted to every case anew. None:
               as a study does; 0: the template alone.
     Returns   (N, V, 3) mm, each case in its own position, on the template's faces.
-    Raises    StudyError for a template that is none of the cases.
+    Raises    StudyError for a template that is none of the cases, and for two cases with one id.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3)
@@ -151,6 +152,7 @@ def match_cohort(
     >>> shapes.vertices.shape, shapes.template_id
     ((3, 642, 3), 'case_0')
     """
+    refuse_doubled([mesh.case_id for mesh in meshes])
     settings = settings or AdaptationSettings()
     groupwise = GroupwiseSettings() if rounds is None else GroupwiseSettings(rounds=rounds)
     by_id = {mesh.case_id: index for index, mesh in enumerate(meshes)}

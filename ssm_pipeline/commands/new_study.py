@@ -83,7 +83,7 @@ def write_study(name: str, data: MaskFolderData | MeshFolderData) -> Path:
 
     Raises StudyError for a folder without cases, a name with a path in it, or a file that exists.
     """
-    path = Path(f"{name}.yaml")
+    path = Path(f"{name.removesuffix('.yaml').removesuffix('.yml')}.yaml")
     if path.name != str(path) or not name.strip(". "):
         raise StudyError(f"{name} is not a plain name; give one without folders, as my-study.")
     if path.exists():

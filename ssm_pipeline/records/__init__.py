@@ -21,6 +21,7 @@ from ssm_pipeline.records.shapes import (
     Mesh,
     ShapePath,
     SpectralBasis,
+    refuse_doubled,
 )
 from ssm_pipeline.records.truth import (
     KnownPair,
@@ -47,4 +48,5 @@ __all__ = [
     "StudyError",
     "Surface",
     "SurfaceLabels",
+    "refuse_doubled",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ import scipy.sparse as sp
 
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.records.errors import CaseError
+from ssm_pipeline.records.errors import CaseError, StudyError
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +141,8 @@ class ShapePath:
 class CorrespondedShapes:
     """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids. Read-only.
 
+    Raises StudyError for two cases with one id.
+
     >>> triangle = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
     >>> vertices = np.stack([triangle, 2 * triangle, 3 * triangle])
     >>> shapes = CorrespondedShapes(vertices, np.array([[0, 1, 2]]), ("a", "b", "c"), "b")
@@ -162,6 +165,7 @@ class CorrespondedShapes:
                 f"vertices have shape {self.vertices.shape} for {len(self.case_ids)} cases; "
                 "(N, V, 3) is needed"
             )
+        refuse_doubled(self.case_ids)
 
     @property
     def template(self) -> np.ndarray:
@@ -174,6 +178,17 @@ class CorrespondedShapes:
         chosen = np.asarray(indices, dtype=np.int64)
         case_ids = tuple(self.case_ids[index] for index in chosen)
         return CorrespondedShapes(self.vertices[chosen], self.faces, case_ids, self.template_id)
+
+
+def refuse_doubled(case_ids: Sequence[str]) -> None:
+    """Raise StudyError where two cases have one id: what is theirs is looked up by it."""
+    if len(set(case_ids)) == len(case_ids):
+        return
+    case_id, times = Counter(case_ids).most_common(1)[0]
+    raise StudyError(
+        f"{times} cases have the id {case_id}; each needs one of its own. Name them where they are "
+        "read: read_mesh(path, case_id=...)."
+    )
 
 
 def _read_only(array: np.ndarray, kind: type) -> np.ndarray:

@@ -69,6 +69,11 @@ class ReportContent:
     check_pictures: Mapping[str, bytes] = field(default_factory=dict)
     comparisons: tuple[ShapeComparison, ...] = ()
 
+    @property
+    def has_network(self) -> bool:
+        """Whether the study matches with a network."""
+        return self.settings.get("matching") != "none"
+
     def __post_init__(self) -> None:
         case_ids = self.aligned.case_ids
         if self.model.case_ids != case_ids:

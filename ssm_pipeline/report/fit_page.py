@@ -27,13 +27,22 @@ def write_fit_page(
     study: str,
     is_synthetic: bool = False,
     settings: ReportSettings | None = None,
+    drawn: int = 0,
 ) -> None:
-    """Write the page of one or more fitted patients to `path` (.html), whole or not at all."""
-    storage.write_text(path, fit_html(fits, study, is_synthetic, settings or ReportSettings()))
+    """Write the page of one or more fitted patients to `path` (.html), whole or not at all.
+
+    drawn  how many shapes of the model stood in for its cases, too few to judge by.
+    """
+    html = fit_html(fits, study, is_synthetic, settings or ReportSettings(), drawn)
+    storage.write_text(path, html)
 
 
 def fit_html(
-    fits: Sequence[FitReport], study: str, is_synthetic: bool, settings: ReportSettings
+    fits: Sequence[FitReport],
+    study: str,
+    is_synthetic: bool,
+    settings: ReportSettings,
+    drawn: int = 0,
 ) -> str:
     """The page's text. Everything is inside: it opens from a folder without a server."""
     if not fits:
@@ -70,7 +79,12 @@ def fit_html(
         study=study,
         is_synthetic=is_synthetic,
         patients=patients,
-        cases=len(cohort_ids),
+        beside=(
+            f"Beside {drawn} shapes drawn from the model, whose cases are too few for it; those "
+            "are more alike than patients, and limits and intervals too narrow"
+            if drawn
+            else f"Beside the {len(cohort_ids)} cases of the model, each fitted without itself"
+        ),
     )
 
 

@@ -122,14 +122,15 @@ class MethodTable:
 
 
 def method_tables(
-    metrics: Mapping[str, pd.DataFrame],
+    metrics: Mapping[str, pd.DataFrame], has_network: bool = True
 ) -> tuple[MethodTable | None, MethodTable | None]:
     """The table `comparison` for reading, best generalisation first: what is asked first, with
     intervals, and the further measures; None where there is none.
 
     Columns that are absent are left out: only `method` must be there. `<prefix>_<unit>` is a value,
     `_se_` its standard error, `_difference_`, `_low_` and `_high_` the paired difference from the
-    full method and its interval, `<prefix>_p` its adjusted p. The table `labels_mean` joins in, and
+    full method and its interval, `<prefix>_p` its adjusted p. `has_network`: whether the study
+    matches with one. The table `labels_mean` joins in, and
     the floor of the Chamfer distance, where the scores hold it, is a row of its own at the end.
     """
     table = metrics.get("comparison")
@@ -140,10 +141,11 @@ def method_tables(
     if first:
         table = table.sort_values(_column(first[0]), kind="stable")
     floor = _floor(metrics, further)
-    at_a_glance = _method_table(table, first, method_traits(metrics))
+    traits = method_traits(metrics, has_network)
+    at_a_glance = _method_table(table, first, traits)
     if not further:
         return at_a_glance, None
-    more = _method_table(table, further, method_traits(metrics))
+    more = _method_table(table, further, traits)
     return at_a_glance, more if floor is None else replace(more, rows=(*more.rows, floor))
 
 
@@ -211,11 +213,12 @@ def without_shown(comparison: pd.DataFrame) -> pd.DataFrame:
 
 
 def method_traits(
-    metrics: Mapping[str, pd.DataFrame],
+    metrics: Mapping[str, pd.DataFrame], has_network: bool = True
 ) -> dict[str, tuple[bool | None, bool | None]]:
     """Method → (uses a network, has seen the case it is scored on); None where not known.
 
-    A column of the tables decides; without one, the network is known from the method's name.
+    A column of the tables decides; without one, the network is known from the method's name, and
+    from whether the study has one for its own rows (S3M brings another).
     """
     traits: dict[str, tuple[bool | None, bool | None]] = {}
     for table in metrics.values():
@@ -224,6 +227,8 @@ def method_traits(
         for method, rows in table.groupby("method", sort=False):
             network, saw = traits.get(str(method), (None, None))
             named = None if method == TRUTH else str(method) not in WITHOUT_NETWORK
+            if not has_network and not str(method).startswith("S3M"):
+                named = None if method == TRUTH else False
             network = _flag(rows, "uses_network", named if network is None else network)
             traits[str(method)] = network, _flag(rows, "matching_saw_case", saw)
     return traits

@@ -73,7 +73,9 @@ def build_payload(content: ReportContent, settings: ReportSettings) -> Payload:
         "curves": _curves(content),
         "methods": {
             method: {"network": network, "sawCase": saw}
-            for method, (network, saw) in method_traits(content.metrics).items()
+            for method, (network, saw) in method_traits(
+                content.metrics, content.has_network
+            ).items()
         },
         "training": training_charts(content.training),
         "distortion": distortion_charts(content),

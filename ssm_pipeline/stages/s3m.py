@@ -17,6 +17,7 @@ import pandas as pd
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.left_files import CASE_FILE
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.stages.context import Context
@@ -77,13 +78,15 @@ def s3m_shapes(
     trained_on = [case_id for case_id in case_ids if seen is None or case_id in seen]
     key = training_key(settings, context.seed, mesh_keys, template.case_id, trained_on)
     rests_on = [key, settings, [mesh_keys[case_id] for case_id in case_ids]]
+    network = network_path(folder, key, settings.epochs)
+    if not network.exists():  # found damaged, and deleted: made again, and the row of it
+        storage.remove(folder / row / CASE_FILE)
     (result,) = context.map_cases(
         [CaseTask(row, key_of(rests_on), work)], folder, in_this_process=True
     )
     if result.dropped is not None:
         raise CaseError("in the comparison", result.dropped)
-    network = network_path(folder, key, settings.epochs)
-    if not (folder / LOSSES_FILE).exists() and network.exists():  # found damaged, and deleted
+    if not (folder / LOSSES_FILE).exists():  # they were found damaged
         _write_losses(_read(network), folder)
     return storage.load(CorrespondedShapes, folder / row / "points.npz")
 

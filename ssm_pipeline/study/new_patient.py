@@ -70,7 +70,7 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
         unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
         return read_surface(path, path.stem, how.unit or unit, space)
     masks = data if isinstance(data, MaskFolderData) else None
-    threshold = masks.threshold if masks else None
+    threshold = masks.threshold if masks and not how.labels else None
     own = masks.segments if masks and not how.labels else ()
     if (segments := how.segments or own) and is_segmentation(path):
         from data_prep.segments import read_segments
@@ -87,6 +87,11 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
             path.name,
             f"this is neither a label image ({', '.join(IMAGE_SUFFIXES)}) nor a surface "
             f"({', '.join(SURFACE_SUFFIXES)}). Convert it to one of these.",
+        )
+    if own and threshold is None:
+        raise StudyError(
+            f"the study is on the segments {', '.join(own)}, and {path.name} names none: which of "
+            "its labels is the organ? Pass --label, as --label 3."
         )
     from data_prep.images import read_mask
 

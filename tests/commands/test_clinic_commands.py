@@ -151,6 +151,7 @@ def test_by_matcher_the_template_is_laid_on_the_patient(
     said = workflow(*words)
     assert said.code == 0, said.stderr
     assert "has 4 cases of its own, of 4 patients, and fits are judged by 6 or more" in said.stdout
+    assert "Beside 20 shapes drawn from the model" in Path("fits/index.html").read_text("utf-8")
     table = pd.read_csv("fits/fits.csv")
     assert list(table["case_id"]) == ["ball_4", "ball_2"]
     assert set(table["by"]) == {"matcher"}
@@ -163,6 +164,8 @@ def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path):
     for words, message in (
         (("a.txt",), "no patient could be fitted"),
         (("a.ply", "x/a.stl"), "two files are called a"),
+        (("z.seg.nrrd", "z.nrrd"), "two files are called z"),
+        (("1.3.6.1.nii.gz", "1.3.6.2.nii.gz"), "no patient could be fitted"),  # and not doubled
         (("a.ply", "--by", "magic"), "--by magic: model or matcher is needed"),
     ):
         said = workflow("fit", str(run), *words)
@@ -218,6 +221,11 @@ def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
     pd.testing.assert_frame_equal(read.tests, table)
     np.testing.assert_allclose(read.design.matrix[:, 1], np.linspace(40, 70, 12))
     assert read.maps[0].displacement_mm.shape == load_run(own).model.mean.shape
+    other = workflow("compare", str(own), *words, "--formula", "~ age:age")
+    assert other.code == 0, other.stderr
+    assert len(load_run(own).comparisons) == 2  # each formula has its own
+    (second,) = (own / "compare").glob("age-*")
+    shutil.rmtree(second)
     # Of another model, it is not shown as this one's; damaged, it is named.
     about = json.loads((own / "compare" / "age" / "compare.json").read_text())
     other = json.dumps(about | {"model_key": "another"})

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from shapes import blob
 
 import ssm_pipeline
 from ssm_pipeline.records import StudyError
@@ -27,3 +28,10 @@ def test_a_setting_that_does_not_exist_is_refused_by_name(tmp_path: Path):
     with pytest.raises(StudyError, match=r"training\.stepz\. Did you mean steps"):
         ssm_pipeline.run("luna16", settings={"training.stepz": 3}, runs=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_two_meshes_with_one_id_are_refused_before_any_work():
+    meshes = [blob(seed, faces=200) for seed in range(3)]
+    alike = [ssm_pipeline.Mesh(mesh.vertices, mesh.faces, "liver") for mesh in meshes]
+    with pytest.raises(StudyError, match=r"3 cases have the id liver.*case_id="):
+        ssm_pipeline.match_cohort(alike, None, method="adaptation only")

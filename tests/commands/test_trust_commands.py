@@ -23,6 +23,7 @@ from ssm_pipeline.engine.run_log import RunLog, read_events
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.study.study import read_run_settings
 
 
 @pytest.fixture
@@ -188,12 +189,16 @@ def test_forget_leaves_no_trace_and_the_next_run_leaves_the_case_out(
     export = tmp_path / "elsewhere"
     assert workflow("export", NAME, "--to", str(export), "--format", "csv").code == 0
     kept = {path: path.read_bytes() for path in folder.glob("meshing/*/mesh.npz")}
+    settings = (folder / "study.yaml").read_text()
+    (folder / "study.yaml").write_text(settings.replace("template: null", "template: ball_1"))
     said = workflow("forget", "ball_1", "--run", str(folder))
     assert said.code == 0, said.stderr
     assert str(export) in said.stdout
     names = [path for path in folder.rglob("*") if "ball_1" in path.name]
     holding = [p for p in folder.rglob("*") if p.is_file() and b"ball_1" in p.read_bytes()]
     assert names == holding == []
+    assert "template: ball_1" not in (folder / "study.yaml").read_text()
+    assert read_run_settings(folder).meshing.faces == 600
     assert "withdrawn" in (folder / "report" / "index.html").read_text()
     (masks / "ball_1.nii.gz").rename(masks / "renamed.nii.gz")
     run_study(NAME, tiny_settings(masks), RunOptions(folder.parent), Terminal())

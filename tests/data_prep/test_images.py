@@ -75,6 +75,12 @@ def test_absent_label_lists_those_found(tmp_path: Path) -> None:
         read_mask(path, (4,), "a", organ="lung")
 
 
+def test_one_of_several_labels_is_absent(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.nrrd", labels_with_box(1))
+    with pytest.raises(CaseError, match=r"the heart's label 2 is absent; labels found: 1"):
+        read_mask(path, (1, 2), "a", organ="heart")
+
+
 def test_empty_mask(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nrrd", np.zeros((9, 9, 9), np.uint8))
     with pytest.raises(CaseError, match="the mask is empty"):
@@ -169,6 +175,11 @@ def test_header_without_its_data(tmp_path: Path) -> None:
         read_mask(path, (1,), "a")
 
 
+def test_a_data_file_with_a_name_that_is_not_ascii(tmp_path: Path) -> None:
+    path = write(tmp_path / "Fall Nr. 4 – é.mhd", labels_with_box())
+    assert read_mask(path, (1,), "a").voxels.sum() == 10 * 12 * 16
+
+
 def test_not_an_image_and_no_file(tmp_path: Path) -> None:
     path = tmp_path / "a.nrrd"
     path.write_text("not an image")
@@ -203,6 +214,18 @@ def test_the_sign_of_a_nifti_voxel_size_does_not_mirror(
     bad = read_mask(nifti_with(tmp_path / "bad.nii", fields), (1,), "a")
     index = np.array([[0.0, 0, 0], [3, 4, 5]])
     np.testing.assert_allclose(bad.to_world(index), good.to_world(index), atol=1e-4)  # float32
+
+
+@pytest.mark.parametrize(("unit", "mm"), [(1, 1000.0), (2, 1.0), (3, 0.001), (0, 1.0)])
+@pytest.mark.parametrize("codes", [(0, 1), (1, 0), (1, 1)])
+def test_the_unit_of_a_nifti_counts_whichever_form_places_it(
+    tmp_path: Path, unit: int, mm: float, codes: tuple[int, int]
+) -> None:
+    good = read_mask(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
+    fields = {123: bytes([unit | 8]), 252: struct.pack("<2h", *codes)}  # 8: and times in seconds
+    other = read_mask(nifti_with(tmp_path / "other.nii", fields), (1,), "a")
+    index = np.array([[0.0, 0, 0], [3, 4, 5]])
+    np.testing.assert_allclose(other.to_world(index), mm * good.to_world(index), rtol=1e-4)
 
 
 def test_skewed_axes(tmp_path: Path) -> None:

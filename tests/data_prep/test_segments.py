@@ -194,3 +194,10 @@ def test_names_that_are_no_text(tmp_path: Path, found: bytes, message: str) -> N
     with pytest.raises(CaseError, match=message) as refused:
         read_segments(path, ("liver",), "a")
     str(refused.value).encode()  # can be shown
+
+
+def test_a_threshold_is_for_shares_and_not_for_3d_slicers_labels(tmp_path: Path) -> None:
+    mask, segments = two_organs()
+    path = write_seg_nrrd(tmp_path / "a.seg.nrrd", mask, segments)
+    found = read_segments(path, ("Left spleen",), "a", threshold=0.5)
+    assert found.voxels.sum() == segments["Left spleen"].sum()

@@ -92,6 +92,9 @@ def test_traits_come_from_the_tables_and_else_from_the_names():
         "bcpd": (True, None),
         "S3M": (True, None),
     }
+    without = method_traits(comparison(), has_network=False)
+    assert without["full"] == (False, None)
+    assert without["S3M"] == (True, None)  # it brings its own
     told = comparison(uses_network=[True, False, True])
     assert method_traits(told)["bcpd"] == (False, None)
 

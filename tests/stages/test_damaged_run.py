@@ -97,3 +97,11 @@ def test_s3ms_losses_are_made_again_from_its_network(tiny_run: Path, copy: Path,
         shutil.rmtree(losses.with_name("shapes"))
     run_tiny(masks_of(tiny_run), copy.parent)
     assert results(copy) == whole
+
+
+def test_s3ms_network_is_trained_again(tiny_run: Path, copy: Path):
+    whole = results(copy)
+    (network,) = (copy / "evaluation" / "S3M").glob("network-*.pt")
+    network.write_bytes(network.read_bytes()[:-9])
+    run_tiny(masks_of(tiny_run), copy.parent)
+    assert results(copy) == whole
