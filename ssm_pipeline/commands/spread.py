@@ -61,12 +61,14 @@ def run_spread(
 def spread_over(each: pd.DataFrame) -> pd.DataFrame:
     """A row per method of the runs' table: means, and standard deviations by what was varied.
 
-    >>> each = pd.DataFrame({"varied": ["seed"] * 2, "method": ["full"] * 2, "x_mm": [1.0, 3.0]})
-    >>> spread_over(each)["x_mm_sd_seeds"].round(3).tolist()
-    [1.414]
+    >>> varied = ["seed", "seed", "template"]
+    >>> each = pd.DataFrame({"varied": varied, "method": "full", "x_mm": [1.0, 3.0, 1.0]})
+    >>> spread_over(each)[["x_mm", "x_mm_sd_seeds"]].round(3).values.tolist()
+    [[2.0, 1.414]]
     """
     measures = [name for name in each if name not in ("varied", "what", "method")]
-    table = each.groupby("method", sort=False)[measures].mean()
+    once = each.drop_duplicates(["method", *measures])  # the first run is of a seed and a template
+    table = once.groupby("method", sort=False)[measures].mean()
     for varied, rows in each.groupby("varied"):
         deviations = rows.groupby("method")[measures].std()
         table = table.join(deviations.add_suffix(f"_sd_{varied}s"))
