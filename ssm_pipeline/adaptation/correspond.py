@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
-from ssm_pipeline.records import Correspondence, SpectralBasis
+from ssm_pipeline.records import Correspondence, SpectralBasis, StudyError
 
 if TYPE_CHECKING:
     from ssm_pipeline.adaptation.pose import CoarsePair
@@ -63,7 +63,9 @@ def correspond(
     Whatever the method, the moved template is then carried to the nearest point on the case's
     triangles; both that point and the nearest vertex are kept.
     coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
+    Raises StudyError for any other method.
     """
+    refuse_unknown(method)
     if method in WITHOUT_NETWORK:
         if method == "as scanned":
             posed, start = template.vertices, AS_SCANNED
@@ -93,6 +95,13 @@ def correspond(
             RIGID: (rigidly_aligned(template, case, seed), None),
         } | starts
     return _carried_onto(case, template, *_kept_start(starts, template, case, settings, seed))
+
+
+def refuse_unknown(method: str) -> None:
+    """Raise StudyError for a method that is none of `correspond`."""
+    known = get_args(PairMethod)
+    if method not in known:
+        raise StudyError(f"there is no method {method!r}: {', '.join(known)}.")
 
 
 def _kept_start(

@@ -167,18 +167,33 @@ def evaluate(
     retrain: Annotated[
         bool, typer.Option("--retrain", help="Train the matcher anew without each fold.")
     ] = False,
-    changes: Changes = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Change a setting of evaluation, comparison or report, as evaluation.points=8000.",
+            show_default=False,
+        ),
+    ] = None,
     device: Device = None,
     jobs: Jobs = None,
 ) -> None:
     """Score a run's model again with other evaluation settings, and renew its report."""
     from ssm_pipeline.commands.run_study import run_study
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.records import StudyError
     from ssm_pipeline.study.study import read_run_settings
+    from ssm_pipeline.study.yaml_settings import changed_key
 
     wanted = [f"evaluation.samples={samples}"] if samples is not None else []
     wanted += [f"evaluation.folds={folds}"] if folds is not None else []
     wanted += ["comparison.retrain=true"] if retrain else []
+    for change in changes or []:
+        if changed_key(change).split(".")[0] not in ("evaluation", "comparison", "report"):
+            raise StudyError(
+                f"--set {change} changes how the model is made, and evaluate scores it as it is: "
+                "evaluation, comparison and report can be changed. To make it anew: workflow run."
+            )
     settings = read_run_settings(run_folder, [*(changes or []), *wanted])
     options = run_options(run_folder.parent, device, jobs)
     terminal = Terminal()

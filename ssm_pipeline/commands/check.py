@@ -15,6 +15,8 @@ from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Mesh
+from ssm_pipeline.stages.anatomy import what_the_evaluation_rests_on
+from ssm_pipeline.stages.report import what_the_report_rests_on
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import Study
@@ -26,6 +28,8 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
     jobs  cases at a time. to: a folder for cohort_check.csv and a picture of each striking case;
     without it nothing is written. Raises StudyError for settings that don't fit the cases.
     """
+    what_the_evaluation_rests_on(study.settings)
+    what_the_report_rests_on(study.settings)
     terminal.say(f"settings   {study.path}: in order")
     data = study.settings.data
     if data.source == "phantoms":

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import clear_former_model, note_export
+from ssm_pipeline.commands.import_model import IMPORTED, MEAN
 from ssm_pipeline.commands.pseudonyms import KEY_FILE, pseudonyms_of
 from ssm_pipeline.export.about import About, write_about
 from ssm_pipeline.methods import FULL
@@ -19,6 +20,7 @@ from ssm_pipeline.stages.run import Run, load_run
 FORMATS = ("npz", "csv", "glb", "ply", "vtp", "statismo", "shapeworks")
 ABOUT_FILE = "export.json"
 # Settings that say how the model was made; none of them holds an id, a path or a name.
+_NOT_TOLD = ("_se_mm", "_low_mm", "_high_mm", "_difference_mm")
 TOLD_SECTIONS = ("meshing", "adaptation", "groupwise", "shape_model")
 
 
@@ -118,7 +120,7 @@ def _about(run: Run, pseudonymised: bool, names: dict[str, str]) -> dict[str, ob
         "unit": "mm",
         "pseudonymised": pseudonymised,
         "template": names[run.template_id],
-        "cases": len(run.cases),
+        "cases": len([case for case in run.cases if case != MEAN]),
         "modes": run.model.mode_count,
         "size_removed": run.settings["shape_model"]["with_scale"],
     }
@@ -127,6 +129,19 @@ def _about(run: Run, pseudonymised: bool, names: dict[str, str]) -> dict[str, ob
 def _in_words(run: Run, pseudonymised: bool) -> About:
     """For README and model card. Of the settings nothing that names a case, a folder or a file."""
     settings = run.settings
+    if IMPORTED in {record.note for record in run.stages}:
+        return About(
+            study=run.folder.resolve().name,
+            cases=len([case for case in run.cases if case != MEAN]),
+            modes=run.model.mode_count,
+            modes_for_90=run.model.modes_for(0.9),
+            synthetic=False,
+            pseudonymised=pseudonymised,
+            size_removed=None,
+            settings={"how": "not known: the model was imported"},
+            metrics=[],
+            version=importlib.metadata.version("ssm-pipeline"),
+        )
     told = {
         f"{section}.{key}": value
         for section in TOLD_SECTIONS
@@ -141,10 +156,22 @@ def _in_words(run: Run, pseudonymised: bool) -> About:
         synthetic=settings["data"]["source"] == "phantoms",
         pseudonymised=pseudonymised,
         size_removed=settings["shape_model"]["with_scale"],
-        settings=told | {"seed": settings["seed"]},
+        settings=told | {"seed": settings["seed"]} | _mirrored(run),
         metrics=_quality(run),
         version=importlib.metadata.version("ssm-pipeline"),
     )
+
+
+def _mirrored(run: Run) -> dict[str, object]:
+    """What is told of a study whose sides are one cohort: whose files are mirror images."""
+    mirror = run.settings["data"].get("mirror")
+    if not mirror:
+        return {}
+    return {
+        f"mirrored, x → −x, so that the model is of the other side: the {mirror} side": (
+            f"{len(run.reflected)} of {len(run.cases)} cases, in ShapeWorks' files, too"
+        )
+    }
 
 
 def _quality(run: Run) -> list[str]:
@@ -156,7 +183,7 @@ def _quality(run: Run) -> list[str]:
     return [
         f"{name.removesuffix('_mm').replace('_', ' ')}: {row[name]:.2f} mm"
         for name in table.columns
-        if name.endswith("_mm") and not name.endswith(("_se_mm", "_low_mm", "_high_mm"))
+        if name.endswith("_mm") and not name.endswith(_NOT_TOLD)
     ]
 
 

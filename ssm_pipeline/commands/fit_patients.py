@@ -86,7 +86,7 @@ def fit_patients(
     from ssm_pipeline.report.fit_page import write_fit_page
 
     note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
-    write_fits(fits, folder)
+    write_fits(fits, folder, reflected=how.mirror)
     drawn = 0 if shapes.case_ids == run.shapes.case_ids else len(shapes.case_ids)
     write_fit_page(
         fits,

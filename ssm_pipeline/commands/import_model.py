@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_arrays
+from ssm_pipeline.engine.left_files import files_of_stage
 from ssm_pipeline.engine.ownership import OWNER_FILE
 from ssm_pipeline.engine.process import versions
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.export.statismo_reading import read_statismo
 from ssm_pipeline.geometry.similarity import Similarity
+from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.model import ShapeModel, load_model
@@ -24,6 +27,7 @@ from ssm_pipeline.study.settings import StudySettings
 
 READERS = {".h5": read_statismo, ".npz": load_model}
 FEWEST_FACES = 1000  # of a patient's surface: a model of few vertices is fitted to more
+IMPORTED = "imported"
 MEAN = "mean"  # stands in for the cases where the file holds none
 
 
@@ -37,7 +41,7 @@ def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ..
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise StudyError(f"{path} is neither {' nor '.join(READERS)}; a model is one of these.")
-    model = reader(path)
+    model = _checked(reader(path))
     folder = runs / (name or path.stem)
     if folder.exists() and any(folder.iterdir()):
         raise StudyError(f"{folder} is in use. Choose another name with --name.")
@@ -60,6 +64,17 @@ def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ..
     _write_run(model, settings, folder)
     renew_report(Run(folder), settings.report)
     return folder
+
+
+def _checked(model: ShapeModel) -> ShapeModel:
+    """Triangles outward, and ids that can be names of folders: the last part of a path, or, where
+    those are not different names, case_001 and so on."""
+    inward = volume(model.mean, model.faces) < 0
+    names = [PurePosixPath(case_id.replace("\\", "/")).name for case_id in model.case_ids]
+    if "" in names or ".." in names or len(set(names)) < len(names):
+        names = [f"case_{number:03d}" for number in range(1, len(names) + 1)]
+    faces = model.faces[:, ::-1] if inward else model.faces
+    return dataclasses.replace(model, faces=faces, case_ids=tuple(names))
 
 
 def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None:
@@ -110,7 +125,7 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
         "evaluation",
         "report",
     ):
-        _record(stage, case_ids, key).write(folder / stage)
+        _record(folder / stage, case_ids, key).write(folder / stage)
     owner = {
         "study": folder.name,
         "synthetic": False,
@@ -120,9 +135,9 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
     storage.write_json(folder / OWNER_FILE, owner)
 
 
-def _record(stage: str, case_ids: tuple[str, ...], key: str) -> StageRecord:
+def _record(folder: Path, case_ids: tuple[str, ...], key: str) -> StageRecord:
     return StageRecord(
-        stage=stage,
+        stage=folder.name,
         key=key,
         settings={},
         seed=0,
@@ -135,5 +150,6 @@ def _record(stage: str, case_ids: tuple[str, ...], key: str) -> StageRecord:
         cases_out=list(case_ids),
         dropped=[],
         case_keys={},
-        note="imported",
+        note=IMPORTED,
+        files=storage.fingerprints(folder, files_of_stage(folder)),
     )

@@ -140,7 +140,8 @@ def match_cohort(
     rounds    groupwise rounds: the mean of the shapes so far is adapted to every case anew. None:
               as a study does; 0: the template alone.
     Returns   (N, V, 3) mm, each case in its own position, on the template's faces.
-    Raises    StudyError for a template that is none of the cases, and for two cases with one id.
+    Raises    StudyError for a template that is none of the cases, for two cases with one id, and
+              for a method that does not exist.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3)
@@ -152,6 +153,7 @@ def match_cohort(
     >>> shapes.vertices.shape, shapes.template_id
     ((3, 642, 3), 'case_0')
     """
+    one_pair.refuse_unknown(method)
     refuse_doubled([mesh.case_id for mesh in meshes])
     settings = settings or AdaptationSettings()
     groupwise = GroupwiseSettings() if rounds is None else GroupwiseSettings(rounds=rounds)

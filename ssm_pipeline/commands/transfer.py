@@ -10,11 +10,13 @@ import pandas as pd
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.export.carried import markups, read_vertex_labels, write_labelled_surface
+from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.report.landmarks import carry_landmarks
 from ssm_pipeline.stages.landmark_file import landmarks_on_template
 from ssm_pipeline.stages.run import load_run
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
 FITTED_FILE = "reconstruction.vtp"  # of `workflow fit`, a folder per patient
 
 
@@ -27,6 +29,8 @@ def transfer(
 ) -> list[Path]:
     """Write `<case>/landmarks.mrk.json` and `<case>/labels.vtp`, each in its scan's millimetres.
 
+    A case that the study mirrors is mirrored back.
+
     landmarks  a Slicer `.mrk.json`, placed on the template; labels: a CSV of vertex and label.
     fits       the folder of a `workflow fit`: its patients are served too.
     Returns the paths written; `landmarks.csv` holds all points in one table.
@@ -36,9 +40,19 @@ def transfer(
         raise StudyError("nothing to carry over: pass --landmarks, --labels or both.")
     run = load_run(run_folder)
     shapes = run.shapes
-    points = dict(zip(shapes.case_ids, shapes.vertices, strict=True))
+    points = {
+        case_id: vertices * MIRROR if case_id in run.reflected else vertices
+        for case_id, vertices in zip(shapes.case_ids, shapes.vertices, strict=True)
+    }
+    turned = set(run.reflected)  # whose triangles are turned around
     if fits is not None:
-        points |= _fitted(fits, len(shapes.vertices[0]), points)
+        of_fits = _fitted(fits, len(shapes.vertices[0]), points)
+        points |= of_fits
+        turned |= {
+            name
+            for name, vertices in of_fits.items()
+            if volume(vertices, shapes.faces) * volume(shapes.template, shapes.faces) < 0
+        }
     written: list[Path] = []
     if landmarks is not None:
         placed = landmarks_on_template(landmarks, run)
@@ -60,7 +74,8 @@ def transfer(
         of_vertices = read_vertex_labels(labels, len(shapes.template))
         for case_id, vertices in points.items():
             written.append(folder / case_id / "labels.vtp")
-            write_labelled_surface(vertices, shapes.faces, of_vertices, written[-1])
+            faces = shapes.faces[:, ::-1] if case_id in turned else shapes.faces
+            write_labelled_surface(vertices, faces, of_vertices, written[-1])
     note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
     return written
 

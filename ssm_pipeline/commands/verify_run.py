@@ -21,7 +21,7 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
     if not stages:
         raise StudyError(f"{run_folder} holds no run; give a folder such as runs/luna16.")
     damaged: list[DamagedFile] = []
-    files = 0
+    files, looked_at = 0, 0
     with alone_in(run_folder), terminal.steps("stages", len(stages)) as steps:
         for number, folder in enumerate(stages, start=1):
             record = StageRecord.read(folder)
@@ -30,7 +30,7 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
             elif not record.files:
                 terminal.say(f"      {folder.name}: made before hashes were kept; not looked at")
             else:
-                files += len(record.files)
+                files, looked_at = files + len(record.files), looked_at + 1
                 damaged += damaged_files(folder, record.files, by_content=True)
             steps.advance_to(number)
         for error in damaged:
@@ -38,8 +38,8 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
             if remove:
                 undo(error.path, run_folder)
     if not damaged:
-        terminal.say(f"{run_folder}: {files} files of {len(stages)} stages and what their cases "
-                     "left are as they were written")
+        terminal.say(f"{run_folder}: {files} files of {looked_at} of {len(stages)} stages and what "
+                     "their cases left are as they were written")
     elif remove:
         terminal.say(f"{len(damaged)} damaged files deleted; the next run makes them again")
     else:

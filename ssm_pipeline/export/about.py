@@ -30,7 +30,8 @@ FILES = {
 @dataclass(frozen=True)
 class About:
     """What is said of an export: study's name, how many cases and modes, whether they are synthetic
-    or pseudonymised, whether size was removed; settings and metrics a line each; version: ours."""
+    or pseudonymised, whether size was removed (None: not known); settings and metrics a line each;
+    version: ours."""
 
     study: str
     cases: int
@@ -38,7 +39,7 @@ class About:
     modes_for_90: int
     synthetic: bool
     pseudonymised: bool
-    size_removed: bool
+    size_removed: bool | None
     settings: Mapping[str, object]
     metrics: Sequence[str]
     version: str
@@ -56,6 +57,13 @@ def write_about(about: About, folder: Path) -> list[Path]:
     storage.write_text(slicer, SLICER_SCRIPT)
     storage.write_text(readme, readme_text(about, folder))
     return [card, bids, slicer, readme]
+
+
+SIZE = {
+    True: "was removed from the shapes",
+    False: "is part of the shape",
+    None: "may or may not have been removed: whoever made it knows",
+}
 
 
 def readme_text(about: About, folder: Path) -> str:
@@ -81,8 +89,8 @@ def model_card(about: About) -> str:
         f"# Model card: {about.study}\n\n"
         "## Cohort\n\n"
         f"- {about.cases} cases{', synthetic phantoms' if about.synthetic else ''}\n"
-        f"- size {'was removed from the shapes' if about.size_removed else 'is part of the shape'}"
-        "\n- who they are, how they were chosen, which scanner and which segmentation: to be added "
+        f"- size {SIZE[about.size_removed]}\n"
+        "- who they are, how they were chosen, which scanner and which segmentation: to be added "
         "by whoever passes this on\n\n"
         f"## How it was made\n\n- ssm-pipeline {about.version}\n{settings}\n\n"
         f"## How good it is\n\n{metrics}\n\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.export.meshes import write_ply
 from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.fitting.patient import FitReport
+from ssm_pipeline.records import Mesh
 
 
 def summary(fits: Sequence[FitReport]) -> pd.DataFrame:
@@ -63,6 +65,15 @@ def scores_table(fits: Sequence[FitReport]) -> pd.DataFrame:
     )
 
 
+def mirrored_back(fit: FitReport) -> FitReport:
+    """The surfaces of a patient who was read as a mirror image, where the scan has them."""
+    flip = np.array([-1.0, 1.0, 1.0])
+    surface = Mesh(fit.surface.vertices * flip, fit.surface.faces[:, ::-1], fit.case_id)
+    return dataclasses.replace(
+        fit, surface=surface, vertices=fit.vertices * flip, faces=fit.faces[:, ::-1]
+    )
+
+
 def write_fit(fit: FitReport, folder: Path) -> list[Path]:
     """surface.ply and reconstruction.ply; reconstruction.vtp with arrays per vertex: distance_mm
     (−1 where nothing was seen), observed, sd_mm, radius_90_mm. All in the scan's millimetres (LPS).
@@ -91,12 +102,15 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
     return [surface, mesh, mapped]
 
 
-def write_fits(fits: Sequence[FitReport], folder: Path) -> list[Path]:
-    """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient. Returns them."""
+def write_fits(fits: Sequence[FitReport], folder: Path, reflected: bool = False) -> list[Path]:
+    """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient. Returns them.
+
+    reflected  the patients were read as mirror images: their surfaces are mirrored back.
+    """
     written = []
     for name, table in (("fits", summary(fits)), ("scores", scores_table(fits))):
         written.append(folder / f"{name}.csv")
         storage.write_table(table, written[-1])
     for fit in fits:
-        written += write_fit(fit, folder / fit.case_id)
+        written += write_fit(mirrored_back(fit) if reflected else fit, folder / fit.case_id)
     return written

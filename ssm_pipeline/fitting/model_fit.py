@@ -18,7 +18,7 @@ from ssm_pipeline.geometry.closest_point import ClosestPoints, closest_points
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import area, face_normals, sample_surface, vertex_normals
-from ssm_pipeline.records import Mesh
+from ssm_pipeline.records import CaseError, Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
 TANGENTIAL = 0.05  # weight of sliding along the surface against the normal's 1
@@ -87,6 +87,7 @@ def fit(
     points      on either surface that are brought to the other.
     Alternates: nearest points both ways, noise and its correlation from what is left between them,
     and one Gauss–Newton step on scores and pose together.
+    Raises CaseError where no point of the model faces the surface.
     Source: Cootes 1995 (active shape models); Albrecht et al. 2013 for the posterior; Chen and
     Medioni 1991 for the distance along normals.
 
@@ -214,6 +215,12 @@ class _Problem:
         corners = self.model.faces[back.faces]
         same = np.einsum("kd,kd->k", self.normals_there, own[corners[:, 0]]) > OPPOSED
 
+        if not seen.any():
+            raise CaseError(
+                self.surface.case_id,
+                "no point of the model faces the surface. Its triangles look inward, or it lies "
+                "elsewhere: turn the triangles around, or give a start.",
+            )
         inverse = frame.inverse()
         all_corners = np.concatenate([self.corners[seen], corners[same]])
         all_weights = np.concatenate([self.weights[seen], back.barycentric[same]])

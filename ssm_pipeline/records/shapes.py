@@ -141,7 +141,7 @@ class ShapePath:
 class CorrespondedShapes:
     """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids. Read-only.
 
-    Raises StudyError for two cases with one id.
+    Raises StudyError for two cases with one id, CaseError for a vertex that is not finite.
 
     >>> triangle = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
     >>> vertices = np.stack([triangle, 2 * triangle, 3 * triangle])
@@ -160,12 +160,16 @@ class CorrespondedShapes:
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", _read_only(self.vertices, np.float64))
         object.__setattr__(self, "faces", _read_only(self.faces, np.int64))
-        if self.vertices.ndim != 3 or len(self.vertices) != len(self.case_ids):
+        shape = self.vertices.shape
+        if len(shape) != 3 or shape[2] != 3 or len(self.vertices) != len(self.case_ids):
             raise ValueError(
                 f"vertices have shape {self.vertices.shape} for {len(self.case_ids)} cases; "
                 "(N, V, 3) is needed"
             )
         refuse_doubled(self.case_ids)
+        if not np.isfinite(self.vertices).all():
+            case, vertex = np.argwhere(~np.isfinite(self.vertices))[0, :2]
+            raise CaseError(self.case_ids[case], f"vertex {vertex} of its shape is not finite.")
 
     @property
     def template(self) -> np.ndarray:

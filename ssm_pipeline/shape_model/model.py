@@ -84,6 +84,8 @@ class ShapeModel:
 
     def modes_for(self, share: float) -> int:
         """The smallest number of modes that holds `share` (0 … 1) of the variance."""
+        if not 0 <= share <= 1:
+            raise ValueError(f"share is {share}; 0 … 1 is needed, as 0.9 for 90 %")
         return int(np.searchsorted(self.compactness, share - 1e-12) + 1)
 
     def reconstruct(self, scores: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from data_prep.sides import side_in_name
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.geometry.closest_point import closest_points
@@ -69,7 +70,8 @@ def anatomy_of(context: Context, meshes: Sequence[Mesh]) -> Anatomy:
     names: tuple[str, ...] = ()
     landmarks: dict[str, np.ndarray] = {}
     if settings.evaluation.landmarks is not None:
-        names, landmarks = landmarks_of_cases(settings.evaluation.landmarks, meshes)
+        mirrored = getattr(settings.data, "mirror", None)
+        names, landmarks = landmarks_of_cases(settings.evaluation.landmarks, meshes, mirrored)
     return Anatomy(labels, names, landmarks)
 
 
@@ -102,10 +104,11 @@ def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:
 
 
 def landmarks_of_cases(
-    folder: Path, meshes: Sequence[Mesh]
+    folder: Path, meshes: Sequence[Mesh], mirrored: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
     """Names, and case id → positions (L, 3) mm, from the folder's `<case id>.mrk.json`.
 
+    mirrored  the side whose meshes are mirror images: so are their landmarks, then.
     Cases without a file are left out. Raises StudyError for fewer than two, for files that do not
     hold the same names, and for a landmark far from its case's surface.
     """
@@ -123,6 +126,8 @@ def landmarks_of_cases(
                 f"are {', '.join(names)}. The same names, each once, are needed in every file."
             )
         own = read.positions[[read.names.index(name) for name in names]]
+        if mirrored and side_in_name(mesh.case_id)[0] == mirrored:
+            own = own * [-1.0, 1.0, 1.0]
         distances = closest_points(own, mesh.vertices, mesh.faces).distances
         farthest = FARTHEST_SHARE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
         if distances.max() > farthest:
@@ -142,7 +147,7 @@ def landmarks_of_cases(
 
 
 def what_the_evaluation_rests_on(settings: StudySettings) -> Any:
-    """Its settings, and what the landmark files hold."""
+    """Its settings, and what the landmark files hold. Raises StudyError where there are none."""
     rests_on: dict[str, Any] = {
         "evaluation": settings.evaluation,
         "comparison": settings.comparison,
@@ -151,5 +156,11 @@ def what_the_evaluation_rests_on(settings: StudySettings) -> Any:
     folder = settings.evaluation.landmarks
     if folder is not None:
         files = sorted(folder.glob("*.mrk.json"))
+        if not files:
+            found = "no folder" if not folder.is_dir() else "a folder without such files"
+            raise StudyError(
+                f"evaluation.landmarks: {folder} is {found}. Give the folder that holds a "
+                "<case id>.mrk.json for each case, or leave it out."
+            )
         rests_on["landmarks"] = {path.name: key_of_files([path]) for path in files}
     return rests_on

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from data_prep.sides import side_in_name
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.stage import StageRecord
@@ -80,6 +81,14 @@ class Run:
             table = storage.read_table(path)
             known = dict(zip(table["case_id"], table["patient"], strict=True))
         return {case_id: known.get(case_id, case_id) for case_id in self.cases}
+
+    @property
+    def reflected(self) -> frozenset[str]:
+        """The cases whose side is mirrored (data.mirror): their meshes and shapes are mirror images
+        of what the scans hold, x → −x."""
+        mirrored = self.settings["data"].get("mirror")
+        sides = {case_id: side_in_name(case_id)[0] for case_id in self.cases}
+        return frozenset(case_id for case_id in sides if mirrored and sides[case_id] == mirrored)
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:

@@ -91,7 +91,8 @@ def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind
                 place = f"{'.'.join(where)}: " if where else ""
                 lines.append(f"{place}{problem['ctx']['error']}")
             else:
-                lines.append(f"{'.'.join(where)}: {problem['msg']}; found {problem['input']!r}")
+                wanted = problem["msg"].replace("a valid tuple", "a list, as [a, b]")
+                lines.append(f"{'.'.join(where)}: {wanted}; found {problem['input']!r}")
         raise StudyError(f"{path}: " + "\n  ".join(lines)) from error
 
 

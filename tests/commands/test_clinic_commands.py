@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import json
 import runpy
@@ -374,3 +375,64 @@ def test_a_statismo_file_of_ours_comes_back(workflow: Workflow, run: Path):
     again = workflow("import", "out/model.h5", "--name", "back")
     assert again.code == 1
     assert "is in use" in again.stderr
+
+
+def test_what_is_mirrored_comes_back_to_its_own_side(workflow: Workflow, run: Path):
+    """Right cases are matched as mirror images; what is written lies where the scan has it."""
+    model = load_run(run).model
+    sides = tuple(f"p{number}_{'left' if number % 2 else 'right'}" for number in range(12))
+    dataclasses.replace(model, case_ids=sides).save("sides.npz")
+    assert workflow("import", "sides.npz", "--runs", "runs").code == 0
+    settings = Path("runs/sides/study.yaml")
+    settings.write_text(settings.read_text().replace("mirror: null", "mirror: right"))
+    held = load_run("runs/sides")
+    assert held.reflected == {name for name in sides if "right" in name}
+    point = {"label": "tip", "position": held.shapes.template[7].tolist()}
+    content = {"markups": [{"coordinateSystem": "LPS", "controlPoints": [point]}]}
+    Path("tip.mrk.json").write_text(json.dumps(content))
+    pd.DataFrame({"vertex": [7], "label": "tip"}).to_csv("labels.csv", index=False)
+    shape = model.reconstruct([1.0]) + np.array([40.0, 0, 0])
+    trimesh.Trimesh(shape * [-1, 1, 1], model.faces[:, ::-1]).export("new.stl")
+    words = ("new.stl", "--mirror", "--out", "fits", "--jobs", "1")
+    said = workflow("fit", "runs/sides", *words)
+    assert said.code == 0, said.stderr
+    for name in ("surface.ply", "reconstruction.ply", "reconstruction.vtp"):
+        surface = pyvista.read(Path("fits/new") / name)
+        assert surface.points[:, 0].mean() == pytest.approx(-shape[:, 0].mean(), abs=1.0)
+        faces = surface.faces.reshape(-1, 4)[:, 1:]
+        assert volume(np.asarray(surface.points, float), faces) > 0  # outward still
+    words = ("--landmarks", "tip.mrk.json", "--labels", "labels.csv", "--fits", "fits")
+    said = workflow("transfer", "runs/sides", *words, "--out", "carried")
+    assert said.code == 0, said.stderr
+    table = pd.read_csv("carried/landmarks.csv").set_index("case_id")["left_mm"]
+    for name, vertices in zip(sides, held.shapes.vertices, strict=True):
+        side = -1 if "right" in name else 1
+        assert table[name] == pytest.approx(side * vertices[7, 0], abs=1e-3)
+    assert table["new"] == pytest.approx(-shape[7, 0], abs=2.0)
+    for name in (sides[0], sides[1], "new"):
+        labelled = pyvista.read(f"carried/{name}/labels.vtp")
+        faces = labelled.faces.reshape(-1, 4)[:, 1:]
+        assert volume(np.asarray(labelled.points, float), faces) > 0
+
+
+def test_a_model_from_elsewhere_is_taken_with_care(workflow: Workflow, run: Path, tmp_path: Path):
+    """Ids that are paths, triangles that look inward, a byte that changes; nothing is claimed."""
+    model = load_run(run).model
+    paths = tuple(f"{tmp_path}/elsewhere/liver_{number}.vtk" for number in range(12))
+    other = dataclasses.replace(model, case_ids=paths, faces=model.faces[:, ::-1])
+    other.save("other.npz")
+    assert workflow("import", "other.npz", "--runs", "runs").code == 0
+    held = load_run("runs/other")
+    assert held.cases[0] == "liver_0.vtk"
+    assert not (tmp_path / "elsewhere").exists()
+    assert volume(held.model.mean, held.model.faces) > 0
+    assert workflow("verify", "runs/other").code == 0
+    said = workflow("export", "other", "--runs", "runs", "--to", "out")
+    assert said.code == 0, said.stderr
+    card = Path("out/MODEL_CARD.md").read_text()
+    assert "the model was imported" in card
+    assert "stiffness" not in card
+    assert "may or may not have been removed" in card
+    stored = Path("runs/other/shape_model/model.npz")
+    stored.write_bytes(stored.read_bytes()[:-1] + b"x")
+    assert workflow("verify", "runs/other").code == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -35,3 +36,10 @@ def test_two_meshes_with_one_id_are_refused_before_any_work():
     alike = [ssm_pipeline.Mesh(mesh.vertices, mesh.faces, "liver") for mesh in meshes]
     with pytest.raises(StudyError, match=r"3 cases have the id liver.*case_id="):
         ssm_pipeline.match_cohort(alike, None, method="adaptation only")
+
+
+def test_a_method_that_does_not_exist_is_refused():
+    meshes = [dataclasses.replace(blob(seed, faces=200), case_id=f"b{seed}") for seed in range(3)]
+    for method in ("nricp", "Full", "S3M"):
+        with pytest.raises(StudyError, match=rf"no method '{method}': full, network start"):
+            ssm_pipeline.match_cohort(meshes, None, template="b0", method=method)  # type: ignore[arg-type]

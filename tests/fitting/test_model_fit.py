@@ -8,7 +8,7 @@ from ssm_pipeline.fitting.matched_fit import fit_points
 from ssm_pipeline.fitting.model_fit import fit
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.records import Mesh
+from ssm_pipeline.records import CaseError, Mesh
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
@@ -86,3 +86,11 @@ def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model):
     # Per coordinate: what three rigid and shape modes take out of 900 numbers is little.
     assert found.noise_mm == pytest.approx(5.0, rel=0.1)
     assert found.mahalanobis < np.linalg.norm(model.coefficients(noisy))
+
+
+def test_a_surface_that_looks_inward_is_refused_by_name():
+    shapes = bumpy_cohort(6)
+    model = pca_model(align(shapes)[0])
+    inward = Mesh(model.mean, model.faces[:, ::-1], "rev")
+    with pytest.raises(CaseError, match=r"case rev: no point of the model faces the surface"):
+        fit(model, inward)
