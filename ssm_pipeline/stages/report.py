@@ -68,7 +68,8 @@ def report_content(run: Run) -> ReportContent:
     from ssm_pipeline.evaluation.aligned_cohort import move_meshes
     from ssm_pipeline.report.content import ReportContent
 
-    frames = [run.frames[case_id] for case_id in run.cases]
+    of_cases = run.frames  # read once
+    frames = [of_cases[case_id] for case_id in run.cases]
     meshes = [run.mesh(case_id) for case_id in run.cases]
     tables = dict(run.metrics.tables)
     tables["compactness"] = tables["compactness"].rename(columns={"compactness": "share"})
