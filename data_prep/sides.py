@@ -36,6 +36,11 @@ def side_in_name(case_id: str) -> tuple[Side | None, str]:
     return found[0][0], rest.strip("._ -")
 
 
+def is_mirrored(case_id: str, mirrored: str | None) -> bool:
+    """Whether a study that mirrors this side holds the case as its mirror image."""
+    return mirrored is not None and side_in_name(case_id)[0] == mirrored
+
+
 def mirror_side(sources: Sequence[CaseSource], mirrored: Side | None) -> list[CaseSource]:
     """The sources, those of one side reflected when loaded (x → −x), each with its patient:
     the one that it has, or the id without its side. None: as they are.

@@ -78,9 +78,9 @@ def over_left_out_cases(
                    methods' draws are made of the same weights of the same cases, so they pair.
 
     Leaving out case i (all cases of patient i) changes the difference by θ_i; the variance over
-    cohorts is
-    (N − 1)/N Σ (θ_i − θ̄)². Each θ_i carries the noise of its draws, which would be counted N times:
-    one factor from each half of the draws leaves it out in expectation (a negative estimate is 0).
+    cohorts is (N − 1)/N Σ (θ_i − θ̄)². Each θ_i carries the noise of its draws, which would be
+    counted N times: one factor from each half of the draws leaves it out in expectation (a negative
+    estimate is 0).
     The noise of the draws of the whole models is then added once. Interval and p by Student's t
     with N − 1 degrees of freedom. Source: Efron and Stein 1981 for the jackknife.
     """

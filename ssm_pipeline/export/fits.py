@@ -13,6 +13,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.export.meshes import write_ply
 from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.fitting.patient import FitReport
+from ssm_pipeline.fitting.pose_search import mirrored
 from ssm_pipeline.records import Mesh
 
 
@@ -67,10 +68,9 @@ def scores_table(fits: Sequence[FitReport]) -> pd.DataFrame:
 
 def mirrored_back(fit: FitReport) -> FitReport:
     """The surfaces of a patient who was read as a mirror image, where the scan has them."""
-    flip = np.array([-1.0, 1.0, 1.0])
-    surface = Mesh(fit.surface.vertices * flip, fit.surface.faces[:, ::-1], fit.case_id)
+    back = mirrored(Mesh(fit.vertices, fit.faces, fit.case_id))
     return dataclasses.replace(
-        fit, surface=surface, vertices=fit.vertices * flip, faces=fit.faces[:, ::-1]
+        fit, surface=mirrored(fit.surface), vertices=back.vertices, faces=back.faces
     )
 
 

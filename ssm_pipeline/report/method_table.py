@@ -226,9 +226,8 @@ def method_traits(
             continue
         for method, rows in table.groupby("method", sort=False):
             network, saw = traits.get(str(method), (None, None))
-            named = None if method == TRUTH else str(method) not in WITHOUT_NETWORK
-            if not has_network and not str(method).startswith("S3M"):
-                named = None if method == TRUTH else False
+            of_ours = has_network and str(method) not in WITHOUT_NETWORK
+            named = None if method == TRUTH else of_ours or str(method).startswith("S3M")
             network = _flag(rows, "uses_network", named if network is None else network)
             traits[str(method)] = network, _flag(rows, "matching_saw_case", saw)
     return traits

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from data_prep.sides import side_in_name
+from data_prep.sides import is_mirrored
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.geometry.closest_point import closest_points
@@ -126,7 +126,7 @@ def landmarks_of_cases(
                 f"are {', '.join(names)}. The same names, each once, are needed in every file."
             )
         own = read.positions[[read.names.index(name) for name in names]]
-        if mirrored and side_in_name(mesh.case_id)[0] == mirrored:
+        if is_mirrored(mesh.case_id, mirrored):
             own = own * [-1.0, 1.0, 1.0]
         distances = closest_points(own, mesh.vertices, mesh.faces).distances
         farthest = FARTHEST_SHARE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))

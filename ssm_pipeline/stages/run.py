@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from data_prep.sides import side_in_name
+from data_prep.sides import is_mirrored
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.stage import StageRecord
@@ -87,8 +87,7 @@ class Run:
         """The cases whose side is mirrored (data.mirror): their meshes and shapes are mirror images
         of what the scans hold, x → −x."""
         mirrored = self.settings["data"].get("mirror")
-        sides = {case_id: side_in_name(case_id)[0] for case_id in self.cases}
-        return frozenset(case_id for case_id in sides if mirrored and sides[case_id] == mirrored)
+        return frozenset(case_id for case_id in self.cases if is_mirrored(case_id, mirrored))
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:

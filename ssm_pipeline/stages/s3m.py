@@ -55,7 +55,6 @@ def s3m_shapes(
 
         aligned, frames = rigidly_aligned(template, meshes, context.seed)
         trained = _trained(context, settings, key, aligned, folder, seen)
-        _write_losses(trained, folder)  # of a network that was kept, too: they may be torn
         with context.terminal.steps("S3M, matching", len(meshes)) as steps:
             match = match_s3m(
                 aligned,
@@ -126,7 +125,9 @@ def _trained(
         return network_path(folder, key, epoch)
 
     if path(settings.epochs).exists():
-        return _read(path(settings.epochs))
+        kept = _read(path(settings.epochs))
+        _write_losses(kept, folder)  # they come after the network, and may be torn
+        return kept
     found = {int(p.stem.rpartition("-")[2]): p for p in folder.glob(path("*").name)}
     before = max((epoch for epoch in found if epoch < settings.epochs), default=None)
     start = None if before is None else _read(found[before])
