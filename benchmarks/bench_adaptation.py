@@ -14,12 +14,12 @@ import time
 import fast_simplification
 import numpy as np
 
-from data_prep.phantom_settings import PhantomSettings
-from data_prep.smooth_phantoms import draw
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
 from ssm_pipeline.adaptation.objective import AdaptationObjective, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.adaptation.vector_adam import vector_adam
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.smooth_phantoms import draw
 from ssm_pipeline.records import Mesh, PhantomTruth
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings

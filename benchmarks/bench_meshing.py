@@ -23,9 +23,9 @@ import SimpleITK as sitk
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from data_prep.images import read_mask
-from data_prep.phantom_settings import PhantomSettings
-from data_prep.smooth_phantoms import draw, voxelise
+from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.smooth_phantoms import draw, voxelise
 from ssm_pipeline.geometry.topology import euler_number, min_angle_deg
 from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles

@@ -30,8 +30,8 @@ from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.stage import Outcome, Stage, StageContext
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.runs.run import load_run
 from ssm_pipeline.stages.list import STAGES
-from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.settings import StudySettings
 
 PER_CASE = ("meshing", "cohort_check", "spectral", "correspondence", "groupwise")

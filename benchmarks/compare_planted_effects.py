@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
-from data_prep.smooth_lung import mean_lung, mode_fields
+from ssm_pipeline.data_prep.synthetic.smooth_lung import mean_lung, mode_fields
 from ssm_pipeline.records import CorrespondedShapes
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model

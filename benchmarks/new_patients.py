@@ -24,15 +24,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from data_prep import luna16
-from data_prep.images import read_mask
-from data_prep.selection import Choice
 from ssm_pipeline.commands.fit_patients import (
     cases_to_judge_by,
     matched_to_template,
     patient_surface,
     reference_of,
 )
+from ssm_pipeline.data_prep.cohorts import luna16
+from ssm_pipeline.data_prep.cohorts.selection import Choice
+from ssm_pipeline.data_prep.formats.images import read_mask
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.completion import calibrated_radius, fits_of_parts
 from ssm_pipeline.fitting.cross_validation import CrossValidation
@@ -41,8 +41,8 @@ from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
 from ssm_pipeline.fitting.pose_search import start_poses
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import Mask, Mesh
+from ssm_pipeline.runs.run import Run, load_run
 from ssm_pipeline.shape_model.model import ShapeModel
-from ssm_pipeline.stages.run import Run, load_run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import FolderData
 from ssm_pipeline.study.study import read_run_settings

@@ -16,12 +16,12 @@ import time
 
 import numpy as np
 
-from data_prep.phantom_seeds import DEVELOPMENT
-from data_prep.phantom_settings import PhantomSettings
-from data_prep.phantoms import draw_truth
-from data_prep.remeshed_phantoms import remeshed_phantoms
 from ssm_pipeline.baselines.register import Registration, register
 from ssm_pipeline.baselines.settings import RegistrationSettings
+from ssm_pipeline.data_prep.matching_sets.remeshed_phantoms import remeshed_phantoms
+from ssm_pipeline.data_prep.synthetic.phantom_seeds import DEVELOPMENT
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.phantoms import draw_truth
 from ssm_pipeline.geometry.surface import area
 
 GRIDS: dict[Registration, list[dict[str, object]]] = {

@@ -13,13 +13,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from data_prep.surface_files import read_mesh
     from ssm_pipeline.adaptation.settings import AdaptationSettings
-    from ssm_pipeline.commands.evaluate_shapes import compare_methods, evaluate
-    from ssm_pipeline.commands.from_python import run
-    from ssm_pipeline.commands.in_memory import correspond, match_cohort, train
+    from ssm_pipeline.data_prep.formats.surface_files import read_mesh
     from ssm_pipeline.evaluation.settings import EvaluationSettings
     from ssm_pipeline.fitting.model_fit import fit
+    from ssm_pipeline.library.evaluate_shapes import compare_methods, evaluate
+    from ssm_pipeline.library.from_python import run
+    from ssm_pipeline.library.in_memory import correspond, match_cohort, train
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.records import (
         CaseError,
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
         SpectralBasis,
         StudyError,
     )
+    from ssm_pipeline.runs.run import load_run
     from ssm_pipeline.shape_model.build import build_model
     from ssm_pipeline.shape_model.model import ShapeModel, load_model
     from ssm_pipeline.spectral.basis import spectral_basis
-    from ssm_pipeline.stages.run import load_run
     from ssm_pipeline.training.settings import TrainingSettings
 
     __version__: str
@@ -52,18 +52,18 @@ _HOMES = {
     "StudyError": "ssm_pipeline.records",
     "TrainingSettings": "ssm_pipeline.training.settings",
     "build_model": "ssm_pipeline.shape_model.build",
-    "compare_methods": "ssm_pipeline.commands.evaluate_shapes",
-    "correspond": "ssm_pipeline.commands.in_memory",
+    "compare_methods": "ssm_pipeline.library.evaluate_shapes",
+    "correspond": "ssm_pipeline.library.in_memory",
     "decimate": "ssm_pipeline.meshing.decimation",
-    "evaluate": "ssm_pipeline.commands.evaluate_shapes",
+    "evaluate": "ssm_pipeline.library.evaluate_shapes",
     "fit": "ssm_pipeline.fitting.model_fit",
     "load_model": "ssm_pipeline.shape_model.model",
-    "load_run": "ssm_pipeline.stages.run",
-    "match_cohort": "ssm_pipeline.commands.in_memory",
-    "read_mesh": "data_prep.surface_files",
-    "run": "ssm_pipeline.commands.from_python",
+    "load_run": "ssm_pipeline.runs.run",
+    "match_cohort": "ssm_pipeline.library.in_memory",
+    "read_mesh": "ssm_pipeline.data_prep.formats.surface_files",
+    "run": "ssm_pipeline.library.from_python",
     "spectral_basis": "ssm_pipeline.spectral.basis",
-    "train": "ssm_pipeline.commands.in_memory",
+    "train": "ssm_pipeline.library.in_memory",
 }
 
 __all__ = [

@@ -149,9 +149,7 @@ def results_in(run_folder: Path) -> dict[str, bytes]:
                 kept.pop(name, None)
             of_the_day = ("case.json", "index.html")
             kept["files"] = {
-                name: left
-                for name, left in kept["files"].items()
-                if not name.endswith(of_the_day)
+                name: left for name, left in kept["files"].items() if not name.endswith(of_the_day)
             }
             content = json.dumps(kept).encode()
         found[path.relative_to(run_folder).as_posix()] = content

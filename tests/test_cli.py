@@ -189,7 +189,10 @@ def test_an_installed_wheel_finds_its_studies_in_an_empty_folder(
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert included == {"workflows": "ssm_pipeline/workflows"}
+    assert included == {
+        "data_prep": "ssm_pipeline/data_prep",
+        "workflows": "ssm_pipeline/workflows",
+    }
     package = tmp_path / "site-packages" / "ssm_pipeline"
     shutil.copytree(ROOT / "workflows", package / "workflows")
     monkeypatch.setattr(study, "files", lambda name: package)

@@ -14,11 +14,11 @@ CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
 
 def reader_of(path: Path) -> Callable[[Path], object]:
     if path.name.endswith(".mrk.json"):
-        from ssm_pipeline.stages.landmark_file import read_landmarks
+        from ssm_pipeline.runs.landmark_file import read_landmarks
 
         return read_landmarks
     if path.suffix == ".mha":
-        from data_prep.images import read_mask
+        from ssm_pipeline.data_prep.formats.images import read_mask
 
         return lambda file: read_mask(file, (3,), "case")
     if path.suffix == ".pt":
@@ -29,7 +29,7 @@ def reader_of(path: Path) -> Callable[[Path], object]:
         from ssm_pipeline.study.study import read_study
 
         return lambda file: read_study(str(file))
-    from data_prep.surface_files import read_mesh
+    from ssm_pipeline.data_prep.formats.surface_files import read_mesh
 
     return read_mesh
 

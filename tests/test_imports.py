@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from source_files import all_modules
 
 ROOT = Path(__file__).parents[1]
 ROOMS = (
@@ -35,8 +36,12 @@ ROOMS = (
     "data_prep",
     "engine",
     "study",
+    "runs",
+    "comparison",
     "stages",
     "commands",
+    "library",
+    "experiments",
     "cli",
     "__main__",
 )
@@ -44,14 +49,12 @@ ROOMS = (
 ENGINE_MAY_USE = {"parallel", "records", "settings", "storage"}
 # data_prep makes what meshing takes, and phantoms and benchmarks are made of geometry.
 DATA_PREP_MAY_USE = {"records", "settings", "storage", "geometry", "meshing"}
-MODULES = sorted([*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")])
+MODULES = all_modules()
 
 
 def room_of(module: str) -> str | None:
     """`ssm_pipeline.geometry.rigid` → `geometry`; None for the package itself and for others."""
     parts = module.split(".")
-    if parts[0] == "data_prep":
-        return "data_prep"
     return parts[1] if parts[0] == "ssm_pipeline" and len(parts) > 1 else None
 
 

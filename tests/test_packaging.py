@@ -10,11 +10,12 @@ import tomllib
 from pathlib import Path
 
 import yaml
+from source_files import all_modules
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-MODULES = [*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")]
-OURS = {"ssm_pipeline", "data_prep"}
+MODULES = all_modules()
+OURS = {"ssm_pipeline"}
 
 
 def plain(name: str) -> str:

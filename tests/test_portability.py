@@ -8,9 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from source_files import all_modules
 
 ROOT = Path(__file__).parents[1]
-MODULES = sorted([*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")])
+MODULES = all_modules()
 ABSENT_ELSEWHERE = ("fcntl", "resource")  # on Windows
 # Of os: what Windows or macOS lacks, and what starts processes in a way that they do not.
 OF_LINUX = {"sysconf", "uname", "fork", "getuid", "geteuid", "mkfifo", "sched_getaffinity"}
@@ -28,7 +29,7 @@ real = builtins.__import__
 
 def absent(name, globals=None, *rest, **words):
     # Other packages choose by the platform, which is Linux here.
-    ours = (globals or {}).get("__name__", "").split(".")[0] in ("ssm_pipeline", "data_prep")
+    ours = (globals or {}).get("__name__", "").split(".")[0] == "ssm_pipeline"
     if ours and name in MODULES_ABSENT:
         raise ModuleNotFoundError(name)
     return real(name, globals, *rest, **words)

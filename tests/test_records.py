@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shapes import basis_of, blob, sphere
+from source_files import all_modules
 
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import (
@@ -21,7 +22,7 @@ from ssm_pipeline.records import (
 )
 
 ROOT = Path(__file__).parents[1]
-MODULES = sorted([*ROOT.glob("ssm_pipeline/**/*.py"), *ROOT.glob("data_prep/*.py")])
+MODULES = all_modules()
 
 
 def records_of_arrays(source: str) -> dict[str, bool]:

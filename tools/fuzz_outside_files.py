@@ -27,7 +27,7 @@ def write_zraw(folder: Path) -> Path:
 
 
 def read_mask(path: Path) -> object:
-    from data_prep.images import read_mask
+    from ssm_pipeline.data_prep.formats.images import read_mask
 
     return read_mask(path, (3,), "case")
 
@@ -58,7 +58,7 @@ def write_dicom(folder: Path) -> Path:
 
 
 def read_segments(path: Path) -> object:
-    from data_prep.segments import is_segmentation, read_segments
+    from ssm_pipeline.data_prep.formats.segments import is_segmentation, read_segments
 
     is_segmentation(path)
     return read_segments(path, ("left lung",), "case")
@@ -79,7 +79,7 @@ def write_trimesh(folder: Path, name: str) -> Path:
 
 
 def read_surface(path: Path) -> object:
-    from data_prep.surface_files import read_mesh
+    from ssm_pipeline.data_prep.formats.surface_files import read_mesh
 
     return read_mesh(path)
 
@@ -87,7 +87,7 @@ def read_surface(path: Path) -> object:
 def read_vtk(path: Path) -> object:
     """`read_surface`, whose process for VTK is a fork of this one: starting Python ten thousand
     times would take hours."""
-    from data_prep import vtk_surface
+    from ssm_pipeline.data_prep.formats import vtk_surface
 
     vtk_surface.subprocess = _Forking  # type: ignore[misc, assignment]
     try:
@@ -108,7 +108,7 @@ class _Forking:
         import vtkmodules.vtkIOLegacy
         import vtkmodules.vtkIOXML  # noqa: F401
 
-        from data_prep import vtk_surface
+        from ssm_pipeline.data_prep.formats import vtk_surface
 
         read_end, write_end = os.pipe()
         child = os.fork()
@@ -148,7 +148,7 @@ def write_ascii(folder: Path, name: str) -> Path:
 
 
 def write_matching(folder: Path) -> Path:
-    from data_prep.matching_folder import write_matching_folder
+    from ssm_pipeline.data_prep.matching_sets.matching_folder import write_matching_folder
     from ssm_pipeline.records import Mesh
 
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -158,7 +158,7 @@ def write_matching(folder: Path) -> Path:
 
 
 def read_matching(path: Path) -> object:
-    from data_prep.matching_folder import read_matching_folder
+    from ssm_pipeline.data_prep.matching_sets.matching_folder import read_matching_folder
 
     return read_matching_folder(path.parents[1])
 
@@ -190,7 +190,7 @@ def write_markups(folder: Path) -> Path:
 
 
 def read_markups(path: Path) -> object:
-    from ssm_pipeline.stages.landmark_file import read_landmarks
+    from ssm_pipeline.runs.landmark_file import read_landmarks
 
     return read_landmarks(path)
 

@@ -33,9 +33,9 @@ def phantoms(
     jobs: Jobs = None,
 ) -> None:
     """The whole pipeline on synthetic organs with known truth, as scanned and turned."""
-    from data_prep.phantom_seeds import DEVELOPMENT, REPORTED
-    from ssm_pipeline.commands.phantom_benchmark import run_phantom_benchmark
+    from ssm_pipeline.data_prep.synthetic.phantom_seeds import DEVELOPMENT, REPORTED
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.phantom_benchmark import run_phantom_benchmark
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study("phantoms", None, changes or [])
@@ -66,8 +66,8 @@ def results(
     jobs: Jobs = None,
 ) -> None:
     """Every number of the results page, with seed, commit, machine and minutes; part by part."""
-    from ssm_pipeline.commands.results import make_results
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.results import make_results
     from ssm_pipeline.records import StudyError
 
     folders: dict[str, Path] = {}
@@ -92,8 +92,8 @@ def training(
     jobs: Jobs = None,
 ) -> None:
     """What training brings a study: few and many steps, from built-in and from fresh weights."""
-    from ssm_pipeline.commands.training_curve import run_training_curve
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.training_curve import run_training_curve
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study(study, data, changes or [])
@@ -117,8 +117,8 @@ def spread(
 ) -> None:
     """A study repeated with other seeds and other templates: how much its results vary."""
     from ssm_pipeline import storage
-    from ssm_pipeline.commands.spread import run_spread
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.spread import run_spread
     from ssm_pipeline.study.study import read_study
 
     chosen = read_study(study, data, changes or [])
@@ -140,9 +140,9 @@ def s3m(
     jobs: Jobs = None,
 ) -> None:
     """Scores of S3M after 1, 3, 10 and 30 epochs of a run's one training, and its losses."""
-    from ssm_pipeline.commands.s3m_epochs import score_s3m_epochs
     from ssm_pipeline.engine.process import chosen_device, default_jobs
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.s3m_epochs import score_s3m_epochs
 
     terminal = Terminal()
     table = score_s3m_epochs(
@@ -195,11 +195,11 @@ def matching(
     device: Device = None,
 ) -> None:
     """Mean geodesic error on shapes with known correspondences, as the papers report it."""
-    from ssm_pipeline.commands.benchmark_shapes import benchmark_shapes, built_in_shapes
-    from ssm_pipeline.commands.matching_benchmark import run_matching
-    from ssm_pipeline.commands.matching_benchmark_settings import preset_for, read_preset
     from ssm_pipeline.engine.process import chosen_device
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.benchmark_shapes import benchmark_shapes, built_in_shapes
+    from ssm_pipeline.experiments.matching_benchmark import run_matching
+    from ssm_pipeline.experiments.matching_benchmark_settings import preset_for, read_preset
 
     given = {
         "methods": [name.strip() for name in methods.split(",")] if methods else None,
@@ -233,9 +233,9 @@ def pretrain(
     device: Device = None,
 ) -> None:
     """Weights to start training from, of synthetic shapes alone: the built-in ones, made again."""
-    from ssm_pipeline.commands.pretrain import pretrain as train_on_synthetic_shapes
     from ssm_pipeline.engine.process import chosen_device
     from ssm_pipeline.engine.terminal import Terminal
+    from ssm_pipeline.experiments.pretrain import pretrain as train_on_synthetic_shapes
 
     features: Literal["wks", "xyz+wks"] = "xyz+wks" if coordinates else "wks"
     train_on_synthetic_shapes(features, steps, to, chosen_device(device), Terminal())

@@ -9,13 +9,13 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.comparison.anatomy import what_the_evaluation_rests_on
 from ssm_pipeline.engine.per_case import CaseTask, Row, map_cases
 from ssm_pipeline.engine.runner import FEWEST_CASES
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Mesh
-from ssm_pipeline.stages.anatomy import what_the_evaluation_rests_on
 from ssm_pipeline.stages.report import what_the_report_rests_on
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
 from ssm_pipeline.study.settings import StudySettings

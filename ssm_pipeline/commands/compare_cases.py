@@ -13,8 +13,8 @@ from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.export.comparison_files import write_comparison
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.runs.run import COMPARISONS, Run, load_run
 from ssm_pipeline.stages.report import renew_report
-from ssm_pipeline.stages.run import COMPARISONS, Run, load_run
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
 from ssm_pipeline.statistics.covariates import ID_COLUMNS, design_of, matched_to_cases
 from ssm_pipeline.study.study import read_run_settings

@@ -15,7 +15,7 @@ from ssm_pipeline.commands.pseudonyms import KEY_FILE, pseudonyms_of
 from ssm_pipeline.export.about import About, write_about
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import StudyError
-from ssm_pipeline.stages.run import Run, load_run
+from ssm_pipeline.runs.run import Run, load_run
 
 FORMATS = ("npz", "csv", "glb", "ply", "vtp", "statismo", "shapeworks")
 ABOUT_FILE = "export.json"

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ssm_pipeline.report.settings import FigureSettings
+from ssm_pipeline.runs.run import load_run
 from ssm_pipeline.stages.report import report_content
-from ssm_pipeline.stages.run import load_run
 from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes
 
 

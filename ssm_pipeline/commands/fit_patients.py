@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from data_prep.image_files import image_stem
-from data_prep.surface_files import SUFFIXES as SURFACES
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.data_prep.formats.image_files import image_stem
+from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACES
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.cross_validation import (
@@ -31,7 +31,7 @@ from ssm_pipeline.records import (
     StudyError,
     Surface,
 )
-from ssm_pipeline.stages.run import Run, load_run
+from ssm_pipeline.runs.run import Run, load_run
 from ssm_pipeline.study.new_patient import AS_THE_STUDY, HowToRead, read_patient
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_run_settings

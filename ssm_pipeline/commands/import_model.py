@@ -20,9 +20,9 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
+from ssm_pipeline.runs.run import Frames, Run
 from ssm_pipeline.shape_model.model import ShapeModel, load_model
 from ssm_pipeline.stages.report import renew_report
-from ssm_pipeline.stages.run import Frames, Run
 from ssm_pipeline.study.settings import StudySettings
 
 READERS = {".h5": read_statismo, ".npz": load_model}

@@ -13,8 +13,8 @@ from ssm_pipeline.export.carried import markups, read_vertex_labels, write_label
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.report.landmarks import carry_landmarks
-from ssm_pipeline.stages.landmark_file import landmarks_on_template
-from ssm_pipeline.stages.run import load_run
+from ssm_pipeline.runs.landmark_file import landmarks_on_template
+from ssm_pipeline.runs.run import load_run
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 FITTED_FILE = "reconstruction.vtp"  # of `workflow fit`, a folder per patient

@@ -38,11 +38,15 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
             if remove:
                 undo(error.path, run_folder)
     if not damaged:
-        terminal.say(f"{run_folder}: {files} files of {looked_at} of {len(stages)} stages and what "
-                     "their cases left are as they were written")
+        terminal.say(
+            f"{run_folder}: {files} files of {looked_at} of {len(stages)} stages and what "
+            "their cases left are as they were written"
+        )
     elif remove:
         terminal.say(f"{len(damaged)} damaged files deleted; the next run makes them again")
     else:
-        terminal.say(f"{len(damaged)} damaged files. To have them made again: workflow verify "
-                     f"{run_folder} --remove, and the same run as before")
+        terminal.say(
+            f"{len(damaged)} damaged files. To have them made again: workflow verify "
+            f"{run_folder} --remove, and the same run as before"
+        )
     return not damaged

@@ -68,9 +68,7 @@ def run_matching_benchmark(
     for pair, distances in _with_distances(meshes, known, geodesics):
         x, y = meshes[pair.x], meshes[pair.y]
         y_to_x = _checked_map(predict(x, y), x, y)
-        errors = geodesic_errors(
-            y_to_x[pair.on_y], pair.on_x, distances, area(x.vertices, x.faces)
-        )
+        errors = geodesic_errors(y_to_x[pair.on_y], pair.on_x, distances, area(x.vertices, x.faces))
         if not np.isfinite(errors).all():
             raise CaseError(
                 x.case_id,

@@ -55,9 +55,7 @@ def conformal_distortion(rest: np.ndarray, moved: np.ndarray, faces: np.ndarray)
     return ratio
 
 
-def _corners(
-    vertices: np.ndarray, faces: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _corners(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(F, 3) the product of the two edges at each corner, (F,) twice the area, and (F, 3) the
     squared length of the edge opposite to each corner."""
     corners = vertices[faces]

@@ -111,9 +111,7 @@ def variance_kept(
     return float(own.var(axis=0).sum() / known.var(axis=0).sum())
 
 
-def seen_in(
-    points: ClosestPoints, truth: PhantomTruth, case_ids: tuple[str, ...]
-) -> np.ndarray:
+def seen_in(points: ClosestPoints, truth: PhantomTruth, case_ids: tuple[str, ...]) -> np.ndarray:
     """(N, V) bool: which of the points on the reference each case's field of view shows."""
     if truth.seen is None:
         return np.ones((len(case_ids), len(points.faces)), bool)

@@ -90,9 +90,7 @@ def _plain_triangles(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarra
     return vertices, faces[np.sort(first)]
 
 
-def _without_knots(
-    vertices: np.ndarray, faces: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
+def _without_knots(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """Edges of three or more triangles are cut out, vertices where two sheets touch are split."""
     before = len(faces)
     meshes = _meshlab(vertices, faces)
@@ -103,9 +101,7 @@ def _without_knots(
     return result.vertex_matrix(), faces, before - len(faces)
 
 
-def _largest_piece(
-    vertices: np.ndarray, faces: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
+def _largest_piece(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The connected piece of largest area, and the share of the area left out, percent."""
     piece = face_components(faces)
     areas = np.bincount(piece, weights=face_areas(vertices, faces))

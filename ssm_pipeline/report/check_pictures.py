@@ -25,6 +25,4 @@ def picture_beside(case: Mesh, typical: Mesh) -> bytes:
 
 def _scene(mesh: Mesh, colour: tuple[int, int, int]) -> Scene:
     colours = np.tile(np.array(colour, np.uint8), (len(mesh.vertices), 1))
-    return Scene(
-        mesh.vertices - centroid(mesh.vertices, mesh.faces), mesh.faces, colours=colours
-    )
+    return Scene(mesh.vertices - centroid(mesh.vertices, mesh.faces), mesh.faces, colours=colours)

@@ -14,8 +14,8 @@ from ssm_pipeline.cohort_check.judge import judge
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.records import Mesh
-from ssm_pipeline.stages.context import Context
-from ssm_pipeline.stages.run import Run
+from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.run import Run
 
 
 def check_meshes(context: Context) -> Outcome:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.records import Cohort
-from ssm_pipeline.stages.context import Context
+from ssm_pipeline.runs.context import Context
 
 
 def list_cases(context: Context) -> Outcome:

@@ -10,21 +10,21 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.engine.keys import key_of, key_of_arrays
-from ssm_pipeline.engine.per_case import CaseTask, Row
-from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.methods import FULL, TRUTH
-from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
-from ssm_pipeline.stages.anatomy import Anatomy, anatomy_of, means_of_methods, without_pairs
-from ssm_pipeline.stages.compared_methods import (
+from ssm_pipeline.comparison.anatomy import Anatomy, anatomy_of, means_of_methods, without_pairs
+from ssm_pipeline.comparison.compared_methods import (
     MissingPackage,
     corresponded_shapes,
     fitted_shapes,
     method_folder,
 )
-from ssm_pipeline.stages.context import SCORES, Context, patients_of
-from ssm_pipeline.stages.retrained_folds import unseen_tables
-from ssm_pipeline.stages.run import Run
+from ssm_pipeline.comparison.retrained_folds import unseen_tables
+from ssm_pipeline.engine.keys import key_of, key_of_arrays
+from ssm_pipeline.engine.per_case import CaseTask, Row
+from ssm_pipeline.engine.stage import Outcome
+from ssm_pipeline.methods import FULL, TRUTH
+from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh, Metrics
+from ssm_pipeline.runs.context import SCORES, Context, patients_of
+from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import Luna16Data
 

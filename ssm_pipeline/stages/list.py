@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ssm_pipeline.comparison.anatomy import what_the_evaluation_rests_on
 from ssm_pipeline.engine.stage import Stage
-from ssm_pipeline.stages.anatomy import what_the_evaluation_rests_on
 from ssm_pipeline.stages.cohort_check import check_meshes
 from ssm_pipeline.stages.correspondence import match_cases
 from ssm_pipeline.stages.data import list_cases

@@ -12,7 +12,7 @@ from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Surface
-from ssm_pipeline.stages.context import Context
+from ssm_pipeline.runs.context import Context
 from ssm_pipeline.study.settings import StudySettings
 
 

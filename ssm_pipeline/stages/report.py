@@ -15,9 +15,9 @@ from ssm_pipeline.engine.process import versions
 from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.report.settings import ReportSettings
-from ssm_pipeline.stages.context import Context
-from ssm_pipeline.stages.landmark_file import landmarks_on_template, read_landmarks
-from ssm_pipeline.stages.run import Run
+from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.landmark_file import landmarks_on_template, read_landmarks
+from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.stages.context import Context
-from ssm_pipeline.stages.run import Frames, Run
+from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.run import Frames, Run
 
 
 def build_model(context: Context) -> Outcome:

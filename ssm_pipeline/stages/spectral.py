@@ -9,8 +9,8 @@ from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.records import Mesh
+from ssm_pipeline.runs.context import Context
 from ssm_pipeline.spectral.settings import SpectralSettings
-from ssm_pipeline.stages.context import Context
 
 
 def make_bases(context: Context) -> Outcome:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
-from ssm_pipeline.stages.context import Context, training_bases
-from ssm_pipeline.stages.resumable_training import (
+from ssm_pipeline.runs.context import Context, training_bases
+from ssm_pipeline.runs.resumable_training import (
     TrainingJob,
     key_of_start,
     train_resumably,

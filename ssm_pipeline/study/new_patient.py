@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from data_prep.image_files import SUFFIXES as IMAGE_SUFFIXES
-from data_prep.image_files import image_stem, image_suffix
-from data_prep.segments import is_segmentation
-from data_prep.surface_files import SUFFIXES as SURFACE_SUFFIXES
+from ssm_pipeline.data_prep.formats.image_files import SUFFIXES as IMAGE_SUFFIXES
+from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
+from ssm_pipeline.data_prep.formats.segments import is_segmentation
+from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACE_SUFFIXES
 from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
 from ssm_pipeline.study.sources import DataSettings, Luna16Data, MaskFolderData, MeshFolderData
 
@@ -41,7 +41,7 @@ def read_patient(path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY) 
     """
     patient = _read(path, data, how)
     if how.mirror:
-        from data_prep.sides import reflect
+        from ssm_pipeline.data_prep.cohorts.sides import reflect
 
         return reflect(patient)
     return patient
@@ -51,7 +51,7 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
     """The labels that a study's cases have in their masks. Raises StudyError where it has none, or
     two organs in one mask."""
     if isinstance(data, Luna16Data) and data.side != "both":
-        from data_prep import luna16
+        from ssm_pipeline.data_prep.cohorts import luna16
 
         return (luna16.LEFT if data.side == "left" else luna16.RIGHT,)
     if isinstance(data, MaskFolderData):
@@ -64,7 +64,7 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
 
 def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
     if path.suffix.lower() in SURFACE_SUFFIXES:
-        from data_prep.surface_folder import read_surface
+        from ssm_pipeline.data_prep.cohorts.surface_folder import read_surface
 
         meshes = data if isinstance(data, MeshFolderData) else None
         unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
@@ -73,7 +73,7 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
     threshold = masks.threshold if masks and not how.labels else None
     own = masks.segments if masks and not how.labels else ()
     if (segments := how.segments or own) and is_segmentation(path):
-        from data_prep.segments import read_segments
+        from ssm_pipeline.data_prep.formats.segments import read_segments
 
         return read_segments(path, segments, image_stem(path), threshold=threshold)
     if how.segments:
@@ -93,7 +93,7 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
             f"the study is on the segments {', '.join(own)}, and {path.name} names none: which of "
             "its labels is the organ? Pass --label, as --label 3."
         )
-    from data_prep.images import read_mask
+    from ssm_pipeline.data_prep.formats.images import read_mask
 
     organ = masks.organ if masks else "organ"
     chosen = how.labels or labels_of(data)

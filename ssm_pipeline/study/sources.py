@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from data_prep.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
 from ssm_pipeline.records import Cohort, StudyError
 from ssm_pipeline.settings import Settings
 
 if TYPE_CHECKING:
-    from data_prep.selection import Choice
+    from ssm_pipeline.data_prep.cohorts.selection import Choice
 
 Side = Literal["left", "right"]
 
@@ -58,7 +58,7 @@ class FolderData(Settings):
         return self.folder
 
     def _choice(self) -> Choice:
-        from data_prep.selection import Choice
+        from ssm_pipeline.data_prep.cohorts.selection import Choice
 
         return Choice(self.cases, self.limit, self.mirror, self.exclude)
 
@@ -78,7 +78,7 @@ class Luna16Data(FolderData):
         return self
 
     def find(self, run_folder: Path) -> Cohort:
-        from data_prep import luna16
+        from ssm_pipeline.data_prep.cohorts import luna16
 
         return luna16.find_cases(
             self._given_folder(), self.side, self.subset, self.allow_truncated, self._choice()
@@ -111,7 +111,7 @@ class MaskFolderData(FolderData):
         return len(set(self.labels)) > 1 and self.threshold is None
 
     def find(self, run_folder: Path) -> Cohort:
-        from data_prep import mask_folder
+        from ssm_pipeline.data_prep.cohorts import mask_folder
 
         organ = mask_folder.Organ(
             self.labels, self.segments, self.threshold, self.organ, self.allow_truncated
@@ -132,7 +132,7 @@ class MeshFolderData(FolderData):
         return "surfaces"
 
     def find(self, run_folder: Path) -> Cohort:
-        from data_prep import surface_folder
+        from ssm_pipeline.data_prep.cohorts import surface_folder
 
         return surface_folder.find_cases(
             self._given_folder(), self.pattern, self.unit, self.space, self._choice()
@@ -156,7 +156,7 @@ class PhantomData(PhantomSettings):
         return self.family != "smooth"
 
     def find(self, run_folder: Path) -> Cohort:
-        from data_prep.phantoms import make_cohort
+        from ssm_pipeline.data_prep.synthetic.phantoms import make_cohort
 
         return make_cohort(run_folder / "data" / "phantoms", self)
 

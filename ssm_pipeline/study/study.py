@@ -62,8 +62,7 @@ def find_study(name: str) -> Path:
             return folder / f"{name}.yaml"
     known = sorted(study_paths())
     raise StudyError(
-        f"there is no study {name}.{nearest(name, known)} "
-        "`workflow init` writes a new one."
+        f"there is no study {name}.{nearest(name, known)} `workflow init` writes a new one."
     )
 
 

@@ -84,7 +84,8 @@ def test_a_change_that_keeps_the_size_is_found_by_content_only(bench: Bench):
 
 def test_what_a_stage_left_is_of_its_own_files_and_its_cases_records(bench: Bench):
     assert set(bench.stage_json("double")["files"]) == {
-        "doubled.csv", *(f"{case}/case.json" for case in GOOD)
+        "doubled.csv",
+        *(f"{case}/case.json" for case in GOOD),
     }
 
 

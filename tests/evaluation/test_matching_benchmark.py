@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.matching_folder import read_matching_folder, write_matching_folder
-from data_prep.matching_set import MatchingSet
+from ssm_pipeline.data_prep.matching_sets.matching_folder import (
+    read_matching_folder,
+    write_matching_folder,
+)
+from ssm_pipeline.data_prep.matching_sets.matching_set import MatchingSet
 from ssm_pipeline.evaluation.matching_benchmark import MatchingBenchmark, run_matching_benchmark
 from ssm_pipeline.geometry.geodesics import geodesic_matrix
 from ssm_pipeline.geometry.surface import area

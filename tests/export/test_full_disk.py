@@ -18,8 +18,8 @@ import pandas as pd
 import pytest
 import trimesh
 
-from data_prep.phantoms import PhantomSettings, make_cohort
 from ssm_pipeline import storage
+from ssm_pipeline.data_prep.synthetic.phantoms import PhantomSettings, make_cohort
 from ssm_pipeline.export.carried import write_labelled_surface
 from ssm_pipeline.export.glb import write_glb
 from ssm_pipeline.export.meshes import write_ply

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from data_prep import luna16, mask_folder
+from ssm_pipeline.data_prep.cohorts import luna16, mask_folder
 from ssm_pipeline.geometry.topology import is_oriented_manifold
 from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
 from ssm_pipeline.meshing.settings import MeshingSettings

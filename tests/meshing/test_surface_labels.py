@@ -17,8 +17,7 @@ def tube(
     """A tube along y of radius 6 mm and 40 mm, label 4 before y + slant x = border, 7 beyond."""
     shape = [int(length / s) for length, s in zip((20, 50, 20), spacing, strict=True)]
     x, y, z = (
-        np.arange(n) * s - offset
-        for n, s, offset in zip(shape, spacing, (10, 5, 10), strict=True)
+        np.arange(n) * s - offset for n, s, offset in zip(shape, spacing, (10, 5, 10), strict=True)
     )
     z, y, x = np.meshgrid(z, y, x, indexing="ij")
     inside = (x**2 + z**2 < 36) & (y >= 0) & (y < 40)

@@ -12,7 +12,7 @@ from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import DamagedFile
-from ssm_pipeline.stages.run import load_run
+from ssm_pipeline.runs.run import load_run
 
 MADE = (".npz", ".pt", ".csv", ".html")
 

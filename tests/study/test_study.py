@@ -159,8 +159,7 @@ def test_every_stage_that_draws_rests_on_the_seed():
     """A stage whose settings do not change with the seed would be taken from the cache."""
     one, other = (read_study("luna16", changes=[f"seed={seed}"]).settings for seed in (0, 1))
     rests = {
-        stage.name: key_of(stage.settings(one)) != key_of(stage.settings(other))
-        for stage in STAGES
+        stage.name: key_of(stage.settings(one)) != key_of(stage.settings(other)) for stage in STAGES
     }
     drawing = ("data", "training", "correspondence", "groupwise", "evaluation")
     assert all(rests[name] for name in drawing), rests

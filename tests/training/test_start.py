@@ -4,7 +4,7 @@ import pytest
 import torch
 from shapes import basis_of, blob
 
-from data_prep.surface_files import read_mesh
+from ssm_pipeline.data_prep.formats.surface_files import read_mesh
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit

@@ -91,9 +91,7 @@ def step_count(copies: int, settings: S3MSettings) -> int:
     return math.ceil(copies**2 / pairs)
 
 
-def batches(
-    copies: int, settings: S3MSettings, generator: np.random.Generator
-) -> list[np.ndarray]:
+def batches(copies: int, settings: S3MSettings, generator: np.random.Generator) -> list[np.ndarray]:
     """The pairs of an epoch's steps, each (P, 2): numbers of copies.
 
     As published, every ordered pair once an epoch, in random order, `pairs_per_step` at a time; or

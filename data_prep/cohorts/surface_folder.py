@@ -1,0 +1,106 @@
+"""A folder of surfaces of any organ, one file per case: PLY, STL, OBJ, OFF, VTK, VTP."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ssm_pipeline.data_prep.cohorts.case_names import case_name, patient_of
+from ssm_pipeline.data_prep.cohorts.selection import (
+    ALL,
+    Choice,
+    choose,
+    cohort_of,
+    files_below,
+    unique_by_id,
+)
+from ssm_pipeline.data_prep.cohorts.sides import mirror_side
+from ssm_pipeline.data_prep.formats.surface_files import (
+    RAS_TO_LPS,
+    SUFFIXES,
+    is_surface,
+    read_triangles,
+)
+from ssm_pipeline.records import CaseError, CaseSource, Cohort, Surface
+
+Unit = Literal["mm", "cm", "m"]
+Space = Literal["LPS", "RAS"]
+MM_OF: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+# The diagonal of what could be an organ: a stapes is 4 mm long; a body 2 m.
+SMALLEST_MM, LARGEST_MM = 2.0, 3000.0
+
+
+def find_cases(
+    folder: Path,
+    pattern: str | None = None,
+    unit: Unit | None = None,
+    space: Space | None = None,
+    choice: Choice = ALL,
+) -> Cohort:
+    """The surfaces of a folder; nothing is read before a case is loaded.
+
+    pattern  a glob below `folder`; None: every surface directly in it. `case_name` tells the ids.
+    unit, space   as `read_surface` takes them.
+    Raises   StudyError if nothing matches, two files share one id, or a named case is missing.
+    """
+    files = files_below(folder, pattern, is_surface, f"surfaces ({', '.join(SUFFIXES)})")
+    by_id = unique_by_id(
+        (case_name(path, path.stem, pattern, choice.mirror is not None), path) for path in files
+    )
+    sources = [
+        CaseSource(
+            case_id,
+            (path,),
+            partial(read_surface, path, case_id, unit, space),
+            patient_of(case_id),
+        )
+        for case_id, path in choose(by_id, choice).items()
+    ]
+    return cohort_of(folder.name, mirror_side(sources, choice.mirror), choice.exclude)
+
+
+def read_surface(
+    path: Path, case_id: str, unit: Unit | None = None, space: Space | None = None
+) -> Surface:
+    """Read one file as a Surface in mm LPS.
+
+    unit    of the file's numbers. None: taken as millimetres, if the size could be an organ's.
+    space   of a file that does not say it (`SPACE=RAS` in its header); None: LPS.
+    Raises  CaseError for a file that can't be read, says another space than `space`, or, without
+            `unit`, has a size that no organ has in millimetres.
+    """
+    vertices, faces, stated = read_triangles(path, case_id)
+    if space is not None and stated is not None and stated != space:
+        raise CaseError(
+            case_id,
+            f"{path.name} says that its coordinates are {stated}, and data.space says {space}. "
+            "Leave data.space out: files that say their space are read by what they say.",
+        )
+    points = np.asarray(vertices, float) * MM_OF[unit or "mm"]
+    if (stated or space) == "RAS":
+        points = points * RAS_TO_LPS
+    surface = Surface(points, faces, case_id)
+    if unit is None:
+        _check_size(surface, path)
+    return surface
+
+
+def _check_size(surface: Surface, path: Path) -> None:
+    used = surface.vertices[np.unique(surface.faces)]
+    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
+    if SMALLEST_MM <= diagonal <= LARGEST_MM:
+        return
+    if diagonal > LARGEST_MM:
+        guess = "micrometres? Convert the files to millimetres"
+    else:
+        likely = "m" if diagonal < 0.5 else "cm"
+        name = {"m": "metres", "cm": "centimetres"}[likely]
+        guess = f"{name}? Set data.unit to {likely}"
+    raise CaseError(
+        surface.case_id,
+        f"{path.name} is {diagonal:.3g} across, which is no organ's size in millimetres. Are they "
+        f"{guess}, or data.unit to mm if it is right as it is.",
+    )

@@ -1,0 +1,1 @@
+"""Readers of image, surface and segment files: one module per format."""

@@ -1,0 +1,1 @@
+"""Published shape matching benchmarks, in the layouts they are distributed in."""

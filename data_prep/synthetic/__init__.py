@@ -1,0 +1,1 @@
+"""Phantoms, articulated figures and random organs, with known correspondences."""

@@ -1,0 +1,1 @@
+"""Produce and score each method that a study compares."""

@@ -1,0 +1,166 @@
+"""What anatomists say of the cases, independent of geometry: labels of parts, landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ssm_pipeline import storage
+from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
+from ssm_pipeline.engine.keys import key_of_files
+from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.methods import FULL
+from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError, SurfaceLabels
+from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.landmark_file import FARTHEST_SHARE, read_landmarks
+from ssm_pipeline.study.settings import StudySettings
+
+PAIRS = ("label_pairs", "landmark_pairs")  # a row an ordered pair: kept in each method's folder
+
+
+@dataclass(frozen=True, eq=False)
+class Anatomy:
+    """labels: case id → of its mesh; landmarks: case id → (L, 3) mm, `names` (L,). Either empty."""
+
+    labels: Mapping[str, SurfaceLabels]
+    names: tuple[str, ...]
+    landmarks: Mapping[str, np.ndarray]
+
+    def tables(
+        self,
+        method: str,
+        shapes: CorrespondedShapes,
+        meshes: Sequence[Mesh],
+        points: int,
+        seed: int,
+    ) -> dict[str, pd.DataFrame]:
+        """Labels and landmarks carried by a method's shapes: a row per pair, and a row per case."""
+        from ssm_pipeline.evaluation.carried_labels import carried_labels, label_cases
+        from ssm_pipeline.evaluation.carried_landmarks import carried_landmarks, landmark_cases
+
+        tables: dict[str, pd.DataFrame] = {}
+        if self.labels:
+            by_id = {mesh.case_id: mesh for mesh in meshes}
+            own = [by_id[case_id] for case_id in shapes.case_ids]
+            labels = [self.labels[case_id] for case_id in shapes.case_ids]
+            generator = np.random.default_rng(seed)  # the same samples for every method
+            pairs = carried_labels(shapes, own, labels, points, generator)
+            tables |= {"label_pairs": pairs, "labels": label_cases(pairs)}
+        if self.landmarks:
+            pairs = carried_landmarks(shapes, self.landmarks, self.names)
+            tables |= {"landmark_pairs": pairs, "landmarks": landmark_cases(pairs)}
+        for table in tables.values():
+            table.insert(0, "method", method)
+        return tables
+
+
+def anatomy_of(context: Context, meshes: Sequence[Mesh]) -> Anatomy:
+    """What is known of the cases. Raises StudyError for landmarks that can't be used."""
+    settings = context.settings
+    labels = {}
+    if settings.evaluation.labels and settings.data.has_parts:
+        for case_id in context.case_keys:
+            path = context.case_file("meshing", case_id, "labels.npz")
+            labels[case_id] = storage.load(SurfaceLabels, path)
+    names: tuple[str, ...] = ()
+    landmarks: dict[str, np.ndarray] = {}
+    if settings.evaluation.landmarks is not None:
+        mirrored = getattr(settings.data, "mirror", None)
+        names, landmarks = landmarks_of_cases(settings.evaluation.landmarks, meshes, mirrored)
+    return Anatomy(labels, names, landmarks)
+
+
+def means_of_methods(
+    scores: Mapping[str, Metrics], draws: int, seed: int, patients: Mapping[str, str]
+) -> dict[str, pd.DataFrame]:
+    """labels_mean and landmarks_mean, where known: a row per method, against `full`."""
+    from ssm_pipeline.evaluation.carried_labels import label_means
+    from ssm_pipeline.evaluation.carried_landmarks import landmark_means
+
+    tables = {}
+    for name, means in (("label", label_means), ("landmark", landmark_means)):
+        pairs = {
+            method: metrics.tables[f"{name}_pairs"]
+            for method, metrics in scores.items()
+            if f"{name}_pairs" in metrics.tables
+        }
+        if pairs:
+            generator = np.random.default_rng(seed)
+            tables[f"{name}s_mean"] = means(pairs, FULL, draws, generator, patients)
+    return tables
+
+
+def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:
+    """The scores less their rows of single pairs: too many for one table of all methods."""
+    return {
+        method: Metrics({name: t for name, t in metrics.tables.items() if name not in PAIRS})
+        for method, metrics in scores.items()
+    }
+
+
+def landmarks_of_cases(
+    folder: Path, meshes: Sequence[Mesh], mirrored: str | None = None
+) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
+    """Names, and case id → positions (L, 3) mm, from the folder's `<case id>.mrk.json`.
+
+    mirrored  the side whose meshes are mirror images: so are their landmarks, then.
+    Cases without a file are left out. Raises StudyError for fewer than two, for files that do not
+    hold the same names, and for a landmark far from its case's surface.
+    """
+    names: tuple[str, ...] = ()
+    positions: dict[str, np.ndarray] = {}
+    for mesh in meshes:
+        path = folder / f"{mesh.case_id}.mrk.json"
+        if not path.is_file():
+            continue
+        read = read_landmarks(path, "evaluation.landmarks")
+        names = names or tuple(sorted(read.names))
+        if tuple(sorted(read.names)) != names or len(set(names)) < len(names):
+            raise StudyError(
+                f"{path} holds the landmarks {', '.join(sorted(read.names))}; the first case's "
+                f"are {', '.join(names)}. The same names, each once, are needed in every file."
+            )
+        own = read.positions[[read.names.index(name) for name in names]]
+        if is_mirrored(mesh.case_id, mirrored):
+            own = own * [-1.0, 1.0, 1.0]
+        distances = closest_points(own, mesh.vertices, mesh.faces).distances
+        farthest = FARTHEST_SHARE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+        if distances.max() > farthest:
+            raise StudyError(
+                f"landmark {names[int(distances.argmax())]} of {path} lies "
+                f"{distances.max():.1f} mm from the surface of case {mesh.case_id}; "
+                f"{farthest:.1f} mm or less is needed. Place it on that case's own surface."
+            )
+        positions[mesh.case_id] = own
+    if len(positions) < 2:
+        raise StudyError(
+            f"{folder} holds landmarks of {len(positions)} of the {len(meshes)} cases; two are "
+            "needed to carry them from case to case. Name each file <case id>.mrk.json, such as "
+            f"{meshes[0].case_id}.mrk.json, or leave evaluation.landmarks out."
+        )
+    return names, positions
+
+
+def what_the_evaluation_rests_on(settings: StudySettings) -> Any:
+    """Its settings, and what the landmark files hold. Raises StudyError where there are none."""
+    rests_on: dict[str, Any] = {
+        "evaluation": settings.evaluation,
+        "comparison": settings.comparison,
+        "seed": settings.seed,
+    }
+    folder = settings.evaluation.landmarks
+    if folder is not None:
+        files = sorted(folder.glob("*.mrk.json"))
+        if not files:
+            found = "no folder" if not folder.is_dir() else "a folder without such files"
+            raise StudyError(
+                f"evaluation.landmarks: {folder} is {found}. Give the folder that holds a "
+                "<case id>.mrk.json for each case, or leave it out."
+            )
+        rests_on["landmarks"] = {path.name: key_of_files([path]) for path in files}
+    return rests_on

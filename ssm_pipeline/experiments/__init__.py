@@ -1,0 +1,1 @@
+"""Benchmarks and parameter studies."""

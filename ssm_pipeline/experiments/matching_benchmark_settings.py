@@ -1,0 +1,87 @@
+"""Settings of `workflow benchmark matching`, and its presets."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal, get_args
+
+from pydantic import Field
+
+from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.data_prep.synthetic.articulated_settings import ArticulatedSettings
+from ssm_pipeline.methods import PairMethod
+from ssm_pipeline.records import StudyError
+from ssm_pipeline.settings import Settings
+from ssm_pipeline.spectral.settings import SpectralSettings
+from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes, read_yaml
+from ssm_pipeline.training.settings import TrainingSettings
+
+BUILT_IN = ("articulated", "articulated-shapes")  # each with a preset of its name
+# Not the row that trains a network of its own, nor what is no match of posed shapes: given by
+# --methods.
+DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
+    method
+    for method in get_args(PairMethod)
+    if method not in ("spectral only", "as scanned", "nearest point")
+)
+
+
+class MatchingBenchmarkSettings(Settings):
+    """What is trained and tested. Shapes are tested as they come, and trained on coarser."""
+
+    seed: int = Field(0, ge=0)  # of every random draw
+    spectral: SpectralSettings = SpectralSettings()
+    training: TrainingSettings = TrainingSettings()
+    adaptation: AdaptationSettings = AdaptationSettings()
+    methods: tuple[PairMethod, ...] = Field(DEFAULT_METHODS, min_length=1)  # a row each
+    train: str = ""  # shapes, as 0:80, train_cat.txt or dog,fox; empty: all
+    test: str = ""  # the same
+    leave_out: tuple[str, ...] = ()  # shapes or categories, by name
+    between: Literal["all", "within categories", "between categories"] = "all"  # pairs counted
+    self_pairs: bool = False  # count a shape's map to itself, as the literature's code does
+    interpolations: int = Field(3, ge=0)  # pairs interpolated and measured, where `full` is a row
+    built_in: ArticulatedSettings = ArticulatedSettings()  # of --built-in shapes alone
+
+
+def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> str:
+    """The preset that is meant. Raises StudyError unless either data or built-in shapes are given.
+
+    >>> preset_for(None, "articulated", None), preset_for(Path("FAUST_r"), None, None)
+    ('articulated', 'non-isometric')
+    """
+    if (data is None) == (built_in is None):
+        raise StudyError(
+            f"give either --data FOLDER or --built-in {' or '.join(BUILT_IN)}, one of them."
+        )
+    if built_in is not None and built_in not in BUILT_IN:
+        raise StudyError(f"--built-in {built_in}: only {' and '.join(BUILT_IN)} are built in.")
+    return preset or built_in or "non-isometric"
+
+
+def read_preset(
+    name: str, changes: Sequence[str] = (), options: Mapping[str, object] | None = None
+) -> MatchingBenchmarkSettings:
+    """A preset by name, or a YAML's path, with `--set` changes over it, and over those the other
+    options that are not None.
+
+    Raises StudyError.
+    """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else _presets().get(name)
+    if path is None or not path.is_file():
+        raise StudyError(f"there is no preset {name}; known: {', '.join(_presets())}.")
+    given = {name: value for name, value in (options or {}).items() if value is not None}
+    over = [*parse_changes(changes), given]
+    content = functools.reduce(merge, over, read_yaml(path))
+    return checked_as(MatchingBenchmarkSettings, content, path)
+
+
+def _presets() -> dict[str, Path]:
+    package = Path(str(files("ssm_pipeline")))
+    found: dict[str, Path] = {}
+    for folder in (package / "workflows", package.parent / "workflows"):
+        for path in sorted((folder / "benchmarks").glob("*.yaml")):
+            found.setdefault(path.stem, path)
+    return found

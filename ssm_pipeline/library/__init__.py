@@ -1,0 +1,1 @@
+"""The Python API on arrays in memory."""
