@@ -19,9 +19,7 @@ def patients_of(context: Context, case_ids: Sequence[str]) -> dict[str, str]:
     return {case_id: patients[case_id] for case_id in case_ids}
 
 
-def training_bases(
-    context: Context, case_ids: Sequence[str] | None = None
-) -> list[SpectralBasis]:
+def training_bases(context: Context, case_ids: Sequence[str] | None = None) -> list[SpectralBasis]:
     """The spectral bases of the coarser meshes that are trained on; by default of all cases."""
     return [
         storage.load(SpectralBasis, context.case_file("spectral", case_id, "training_basis.npz"))

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
 from ssm_pipeline import storage
+from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.export.comparison_files import ABOUT_FILE, read_comparison

@@ -1,0 +1,1 @@
+"""The files of a run, a run read back, and the context that every stage receives."""
