@@ -4,16 +4,13 @@
                                   packages, minutes, finished_at, tables
     <folder>/<part>/<table>.csv   the run's tables
 
-A figure is named `<part>/<table>/<row>/<column>`, the row by its first column that is not a number
-(the method), or two of them joined by `, ` where one alone does not tell rows apart. In Markdown it
-is printed with its name in a comment, which no reader sees and a test checks:
-
-    2.46<!-- lungs/comparison/full/generalisation_surface_mm -->
+A figure is named `<part>/<table>/<row>/<column>`. The row is named by its first column of text (the
+method), or by two of them joined by `, ` where one alone does not tell the rows apart.
+`tools/fill_tables.py` prints figures by these names in README and the documentation.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +19,6 @@ import pandas as pd
 from ssm_pipeline import storage
 
 FORMAT = 1
-NAMED_FIGURE = re.compile(r"(-?[\d ,]*\d(?:\.\d+)?)\s*(?:%|mm|°)?\s*<!--\s*([^<>]+/[^<>]+?)\s*-->")
 
 
 def read_results(folder: Path) -> dict[str, Any]:
@@ -76,34 +72,3 @@ def row_names(table: pd.DataFrame) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{name}, {number + 1}" for number, name in enumerate(names)]
-
-
-def wrong_figures(text: str, figures: dict[str, float]) -> list[str]:
-    """What a page prints otherwise than the results have it, a line each; none: [].
-
-    A figure is right if the results, rounded to the decimals printed, give it.
-
-    >>> figures = {"lungs/comparison/full/x_mm": 2.46}
-    >>> wrong_figures("2.5<!-- lungs/comparison/full/x_mm -->", figures)
-    []
-    >>> wrong_figures("2.4<!-- lungs/comparison/full/x_mm -->", figures)
-    ['lungs/comparison/full/x_mm: 2.4 printed, 2.46 found']
-    """
-    wrong = []
-    for printed, name in NAMED_FIGURE.findall(text):
-        number = printed.replace(" ", "").replace(",", "")
-        decimals = len(number.partition(".")[2])
-        if name not in figures:
-            wrong.append(f"{name}: {number} printed, nothing of that name found")
-        elif f"{figures[name]:.{decimals}f}" != number:
-            wrong.append(f"{name}: {number} printed, {figures[name]:g} found")
-    return wrong
-
-
-def named(value: float, name: str, decimals: int = 2) -> str:
-    """A figure for Markdown, with its name.
-
-    >>> named(2.4567, "lungs/comparison/full/x_mm")
-    '2.46<!-- lungs/comparison/full/x_mm -->'
-    """
-    return f"{value:.{decimals}f}<!-- {name} -->"

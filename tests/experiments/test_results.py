@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -15,11 +16,9 @@ from ssm_pipeline.experiments import results as making
 from ssm_pipeline.experiments import spread as spreading
 from ssm_pipeline.experiments.results_file import (
     figures_in,
-    named,
     read_results,
     row_names,
     write_part,
-    wrong_figures,
 )
 from ssm_pipeline.experiments.results_parts import PARTS, Part
 from ssm_pipeline.experiments.s3m_epochs import score_s3m_epochs
@@ -27,36 +26,43 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import load_run
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
-TABLE = pd.DataFrame({"method": ["full", "S3M"], "x_mm": [2.4567, -3.0], "cases": [22, 22]})
+sys.path.insert(0, str(ROOT / "tools"))
+from fill_tables import RESULTS, TABLE, filled, pages, table_from  # noqa: E402
+
+TABLE_OF_TWO = pd.DataFrame({"method": ["full", "S3M"], "x_mm": [2.4567, -3.0], "cases": [22, 22]})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_figures_printed_are_those_found(page: Path):
-    figures = figures_in(ROOT / "docs" / "results")
-    assert not wrong_figures(page.read_text(encoding="utf-8"), figures)
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
+def test_tables_of_the_pages_hold_the_results(page: Path):
+    text = page.read_text(encoding="utf-8")
+    assert filled(text, figures_in(RESULTS)) == text
+    assert text.count("<!--") == text.count("<!-- table: ") + text.count("<!-- end of table -->")
+
+
+def test_every_template_is_used_once():
+    used = [name for page in pages() for _, name, _ in TABLE.findall(page.read_text("utf-8"))]
+    assert sorted(used) == sorted(path.stem for path in (RESULTS / "tables").glob("*.txt"))
 
 
 def test_figures_have_names_and_are_rounded_as_printed(tmp_path: Path):
-    write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE})
+    write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE_OF_TWO})
     figures = figures_in(tmp_path)
     assert figures["lungs/comparison/full/x_mm"] == 2.4567
     assert figures["lungs/comparison/S3M/cases"] == 22
-    right = f"| full | {named(2.4567, 'lungs/comparison/full/x_mm')} |"
-    assert wrong_figures(right, figures) == []
-    for text in ("2.46", "2.457", "2 mm", "-3.0 mm"):
-        name = "S3M" if "-3" in text else "full"
-        assert wrong_figures(f"{text}<!-- lungs/comparison/{name}/x_mm -->", figures) == []
-    wrong = wrong_figures("2.45 mm <!-- lungs/comparison/full/x_mm -->", figures)
-    assert wrong == ["lungs/comparison/full/x_mm: 2.45 printed, 2.4567 found"]
-    (missing,) = wrong_figures("1.0<!-- lungs/comparison/best/x_mm -->", figures)
-    assert "nothing of that name" in missing
+    template = "| {lungs/comparison/full/x_mm:.2f} | {lungs/comparison/S3M/x_mm:.0f} |"
+    (tmp_path / "two.txt").write_text(template + "\n")
+    page = "Before.\n\n<!-- table: two -->\nold\n<!-- end of table -->\n\nAfter."
+    made = filled(page, figures, tmp_path)
+    assert made == page.replace("old", "\n| 2.46 | -3 |\n")
+    assert filled(made, figures, tmp_path) == made
+    with pytest.raises(KeyError, match="lungs/comparison/best/x_mm"):
+        table_from("{lungs/comparison/best/x_mm:.1f}", figures)
 
 
 def test_a_part_made_again_replaces_itself_and_nothing_else(tmp_path: Path):
-    write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE, "old": TABLE})
-    write_part(tmp_path, "phantoms", {"seed": 1}, {"comparison": TABLE})
-    write_part(tmp_path, "lungs", {"seed": 2}, {"comparison": TABLE})
+    write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE_OF_TWO, "old": TABLE_OF_TWO})
+    write_part(tmp_path, "phantoms", {"seed": 1}, {"comparison": TABLE_OF_TWO})
+    write_part(tmp_path, "lungs", {"seed": 2}, {"comparison": TABLE_OF_TWO})
     assert sorted(p.name for p in (tmp_path / "lungs").glob("*")) == ["comparison.csv"]
     parts = read_results(tmp_path)["parts"]
     assert (parts["lungs"]["seed"], parts["phantoms"]["seed"]) == (2, 1)
