@@ -35,12 +35,12 @@ def read_matcher(path: Path) -> object:
 def write_checkpoint(folder: Path) -> Path:
     import torch
 
-    from ssm_pipeline.training.checkpoint import Checkpoint, save_checkpoint
+    from ssm_pipeline.training.checkpoint import TrainingCheckpoint, save_checkpoint
     from ssm_pipeline.training.matcher import load_tensors
 
     weights = load_tensors(write_matcher(folder))["networks"]
     adam = torch.optim.Adam([torch.nn.Parameter(torch.zeros(3))]).state_dict()
-    save_checkpoint(Checkpoint(2, weights, adam, [{"total": 1.0}]), folder / "c.pt")
+    save_checkpoint(TrainingCheckpoint(2, weights, adam, [{"total": 1.0}]), folder / "c.pt")
     return folder / "c.pt"
 
 

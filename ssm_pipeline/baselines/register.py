@@ -7,7 +7,7 @@ import importlib.util
 import numpy as np
 
 from ssm_pipeline.adaptation.carried_onto import carried_onto
-from ssm_pipeline.baselines.rigid_start import rigid_start
+from ssm_pipeline.baselines.common_start import rigid_start
 from ssm_pipeline.baselines.settings import RegistrationSettings
 from ssm_pipeline.methods import Registration
 from ssm_pipeline.records import Correspondence, Mesh
@@ -47,7 +47,7 @@ def register(
     if start is None:
         start = rigid_start(template, case, seed).apply(template.vertices)
     if registration == "affine nearest":
-        from ssm_pipeline.baselines.affine import affinely_aligned
+        from ssm_pipeline.baselines.affine_registration import affinely_aligned
 
         fitted = affinely_aligned(start, template.faces, case, settings, seed)
     elif registration == "nricp":

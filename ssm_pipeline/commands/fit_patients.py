@@ -164,7 +164,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
     from ssm_pipeline.adaptation.correspond import correspond, correspond_again
     from ssm_pipeline.geometry.topology import is_oriented_manifold
     from ssm_pipeline.meshing.decimation import decimate
-    from ssm_pipeline.shape_model.groupwise import groupwise_rounds
+    from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.training.matcher import load_matcher
 

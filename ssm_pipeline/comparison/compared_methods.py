@@ -180,7 +180,7 @@ def matched_shapes(
 
     matcher_rests_on  what, beside the run's own training, decides the matcher.
     """
-    from ssm_pipeline.shape_model.correspondence import collect
+    from ssm_pipeline.shape_model.collected_points import collect
 
     settings, seed = context.settings.adaptation, context.seed
     rests_on = (method, template.case_id, settings, seed, *matcher_rests_on)

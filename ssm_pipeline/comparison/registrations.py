@@ -26,7 +26,7 @@ def registered_shapes(
     folder: Path,
 ) -> CorrespondedShapes:
     """A template registered to every case, up to date in `folder`. Raises CaseError."""
-    from ssm_pipeline.shape_model.correspondence import collect
+    from ssm_pipeline.shape_model.collected_points import collect
 
     starts = dict.fromkeys(context.case_keys)
     matches = _registered(context, registration, template.case_id, starts, folder)
@@ -46,7 +46,7 @@ def registered_rounds(
     The rounds are those of the study's own method (`shape_model.groupwise`), and so is their
     number. mean_of: as there.
     """
-    from ssm_pipeline.shape_model.groupwise import groupwise_rounds
+    from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
 
     def match(number: int, starts: Mapping[str, np.ndarray]) -> list[Correspondence]:
         place = folder / f"round-{number}"

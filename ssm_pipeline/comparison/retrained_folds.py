@@ -134,7 +134,7 @@ def _template(context: Context, matcher_path: Path, kept: Sequence[Mesh]) -> str
     if context.settings.template in case_ids:
         return str(context.settings.template)
     from ssm_pipeline.training.matcher import load_matcher
-    from ssm_pipeline.training.template import choose_template
+    from ssm_pipeline.training.template_choice import choose_template
 
     path = matcher_path.with_suffix(".template.json")
     if not path.exists():

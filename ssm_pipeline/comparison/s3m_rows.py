@@ -23,7 +23,7 @@ from ssm_pipeline.records import CaseError, CorrespondedShapes, Mesh
 from ssm_pipeline.runs.context import Context
 
 if TYPE_CHECKING:  # at run time inside the functions: reading a finished run needs no PyTorch
-    from ssm_pipeline.baselines.s3m.training import Checkpoint
+    from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint
 
 LOSSES_FILE = "losses.csv"
 KEPT_EPOCHS = (1, 3, 10, 30)  # of a training, where it can be scored afterwards
@@ -50,10 +50,10 @@ def s3m_shapes(
     def work(place: Path) -> Row:
         import torch
 
-        from ssm_pipeline.baselines.rigid_start import rigidly_aligned
+        from ssm_pipeline.baselines.common_start import meshes_at_common_start
         from ssm_pipeline.baselines.s3m.s3m import match_s3m
 
-        aligned, frames = rigidly_aligned(template, meshes, context.seed)
+        aligned, frames = meshes_at_common_start(template, meshes, context.seed)
         trained = _trained(context, settings, key, aligned, folder, seen)
         with context.terminal.steps("S3M, matching", len(meshes)) as steps:
             match = match_s3m(
@@ -114,7 +114,7 @@ def _trained(
     meshes: Sequence[Mesh],
     folder: Path,
     seen: Collection[str] | None,
-) -> Checkpoint:
+) -> S3MCheckpoint:
     """The network after `settings.epochs`: kept, or trained on from the last epoch that is."""
     import torch
 
@@ -135,7 +135,7 @@ def _trained(
         context.terminal.say(f"      S3M goes on after epoch {start.epoch}")
     with context.terminal.steps("S3M, epochs of training", settings.epochs) as steps:
 
-        def on_epoch(checkpoint: Checkpoint) -> None:
+        def on_epoch(checkpoint: S3MCheckpoint) -> None:
             epoch = checkpoint.epoch
             save_tensors(dict(checkpoint.__dict__), path(epoch))
             if epoch - 1 not in KEPT_EPOCHS:  # only ever the last, and those to be scored
@@ -154,13 +154,13 @@ def _trained(
         )
 
 
-def _write_losses(checkpoint: Checkpoint, folder: Path) -> None:
+def _write_losses(checkpoint: S3MCheckpoint, folder: Path) -> None:
     losses = pd.DataFrame({"epoch": range(1, checkpoint.epoch + 1), "loss": checkpoint.losses})
     storage.write_table(losses, folder / LOSSES_FILE)
 
 
-def _read(network: Path) -> Checkpoint:
-    from ssm_pipeline.baselines.s3m.training import Checkpoint
+def _read(network: Path) -> S3MCheckpoint:
+    from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint
     from ssm_pipeline.training.matcher import load_tensors
 
-    return Checkpoint(**load_tensors(network))
+    return S3MCheckpoint(**load_tensors(network))

@@ -23,7 +23,7 @@ def seconds_a_step(
 
     A step's time grows evenly with the time steps T, so that the fewest and the most are tried.
     """
-    from ssm_pipeline.training.train import train
+    from ssm_pipeline.training.train import train_networks
 
     tried: dict[int, float] = {}
     for time_steps in {min(settings.time_steps), max(settings.time_steps)}:
@@ -35,7 +35,7 @@ def seconds_a_step(
         def on_step(step: int, losses: dict[str, float], stamps: list[float] = stamps) -> None:
             stamps.append(time.perf_counter())
 
-        matcher = train([x, y], trial, seed=0, device=device, on_step=on_step)
+        matcher = train_networks([x, y], trial, seed=0, device=device, on_step=on_step)
         tried[time_steps] = stamps[1] - stamps[0]  # the first warms up, the last does more
     fewest, most = min(tried), max(tried)
     slope = (tried[most] - tried[fewest]) / max(most - fewest, 1)

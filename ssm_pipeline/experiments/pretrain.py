@@ -33,7 +33,7 @@ def pretrain(
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.spectral.settings import SpectralSettings
     from ssm_pipeline.training.matcher import save_matcher
-    from ssm_pipeline.training.train import train
+    from ssm_pipeline.training.train import train_networks
 
     settings = pretraining_settings(features, steps)
     terminal.say("drawing the shapes …")
@@ -45,7 +45,7 @@ def pretrain(
             bases.append(spectral_basis(decimate(mesh, settings.faces), spectral))
             progress.advance_to(len(bases))
     with terminal.steps("training", steps) as progress:
-        matcher = train(
+        matcher = train_networks(
             bases,
             settings,
             SEED,

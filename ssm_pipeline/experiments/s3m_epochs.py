@@ -32,9 +32,9 @@ def score_s3m_epochs(
     """
     import torch
 
-    from ssm_pipeline.baselines.rigid_start import rigidly_aligned
+    from ssm_pipeline.baselines.common_start import meshes_at_common_start
+    from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint
     from ssm_pipeline.baselines.s3m.s3m import match_s3m
-    from ssm_pipeline.baselines.s3m.training import Checkpoint
     from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
     from ssm_pipeline.training.matcher import load_tensors
 
@@ -52,12 +52,12 @@ def score_s3m_epochs(
             f"{folder} holds no network of S3M after {', '.join(map(str, epochs))} epochs; let the "
             "run train it: S3M in comparison.methods, and workflow run."
         )
-    aligned, _ = rigidly_aligned(template, meshes, settings.seed)
+    aligned, _ = meshes_at_common_start(template, meshes, settings.seed)
     quick = settings.evaluation.model_copy(update={"jackknife_samples": 0, "fit_surfaces": False})
     scoring = Scoring(quick, settings.seed, settings.shape_model.with_scale, jobs)
     rows = []
     for epoch, path in found.items():
-        trained = Checkpoint(**load_tensors(path))
+        trained = S3MCheckpoint(**load_tensors(path))
         for method, own in (("S3M", published), ("S3M tuned", published.tuned())):
             terminal.say(f"{method}, {epoch} epochs")
             match = match_s3m(

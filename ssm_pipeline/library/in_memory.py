@@ -24,15 +24,15 @@ from ssm_pipeline.records import (
     StudyError,
     refuse_doubled,
 )
-from ssm_pipeline.shape_model.correspondence import collect
-from ssm_pipeline.shape_model.groupwise import groupwise_rounds
+from ssm_pipeline.shape_model.collected_points import collect
+from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings
-from ssm_pipeline.training import train as pairs
 from ssm_pipeline.training.matcher import Matcher
 from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
-from ssm_pipeline.training.template import choose_template
+from ssm_pipeline.training.template_choice import choose_template
+from ssm_pipeline.training.train import train_networks
 
 MeshOrBasis = Mesh | SpectralBasis
 _SPECTRAL = SpectralSettings()
@@ -76,7 +76,7 @@ def train(
     if settings.start == "built-in":
         spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
     bases = [_as_trained_on(surface, settings, spectral) for surface in surfaces]
-    return pairs.train(bases, settings, seed, chosen_device(device))
+    return train_networks(bases, settings, seed, chosen_device(device))
 
 
 def correspond(

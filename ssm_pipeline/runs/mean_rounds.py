@@ -25,7 +25,7 @@ def after_rounds(
     mean_of: Collection[str] | None = None,
 ) -> CorrespondedShapes:
     """`groupwise_rounds` with each round's matches kept, up to date, in `folder/round-<r>/`."""
-    from ssm_pipeline.shape_model.groupwise import groupwise_rounds
+    from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
 
     settings = context.settings.adaptation
     template = context.case_file("spectral", shapes.template_id, "basis.npz")

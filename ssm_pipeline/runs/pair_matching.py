@@ -84,7 +84,7 @@ def walk_pair(pair: Pair, folder: Path) -> Row:
 
 def matched_once(context: Context, template: Mesh, meshes: Sequence[Mesh]) -> CorrespondedShapes:
     """The template matched to every case, before the groupwise rounds; meshes in their order."""
-    from ssm_pipeline.shape_model.correspondence import collect
+    from ssm_pipeline.shape_model.collected_points import collect
 
     matches = matches_in(context.folder("correspondence"), tuple(context.case_keys))
     return collect(template, matches, meshes)

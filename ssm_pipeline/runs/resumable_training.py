@@ -52,7 +52,7 @@ def train_resumably(
     removes `job.checkpoint`.
     """
     from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
-    from ssm_pipeline.training.train import train
+    from ssm_pipeline.training.train import train_networks
 
     path, label, terminal = job.checkpoint, job.label, job.terminal
     for stale in set(job.folder.glob("checkpoint-*.pt")) - {path}:
@@ -72,7 +72,7 @@ def train_resumably(
             history.append(losses)
             steps.advance_to(step, f"loss {losses['total']:.3g}")
 
-        matcher = train(
+        matcher = train_networks(
             bases,
             job.settings,
             job.seed,

@@ -22,7 +22,7 @@ def train_matcher(context: Context) -> Outcome:
     if context.settings.matching == "none":
         return _rank_templates(context)
     from ssm_pipeline.training.matcher import save_matcher
-    from ssm_pipeline.training.template import choose_template
+    from ssm_pipeline.training.template_choice import choose_template
 
     settings, folder = context.settings.training, context.folder()
     bases = training_bases(context)

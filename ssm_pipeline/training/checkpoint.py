@@ -11,7 +11,7 @@ from ssm_pipeline.training.matcher import load_tensors, save_tensors
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class TrainingCheckpoint:
     """step: how many are done; the states as torch gives them; history: a row of losses a step."""
 
     step: int
@@ -20,13 +20,13 @@ class Checkpoint:
     history: list[dict[str, float]]
 
 
-def save_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
+def save_checkpoint(checkpoint: TrainingCheckpoint, path: Path) -> None:
     save_tensors(dict(checkpoint.__dict__), path)
 
 
-def load_checkpoint(path: Path) -> Checkpoint:
+def load_checkpoint(path: Path) -> TrainingCheckpoint:
     """Raises DamagedFile for a file that holds no whole checkpoint."""
     try:
-        return Checkpoint(**load_tensors(path))
+        return TrainingCheckpoint(**load_tensors(path))
     except TypeError as error:
         raise DamagedFile(path, f"holds no checkpoint of this version ({error})") from error

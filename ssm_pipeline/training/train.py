@@ -15,7 +15,7 @@ from ssm_pipeline.matching.map_health import map_health
 from ssm_pipeline.matching.pair import MatchedPair
 from ssm_pipeline.matching.shape import COORDINATE_SCALE, Shape, to_shape
 from ssm_pipeline.records import SpectralBasis, StudyError
-from ssm_pipeline.training.checkpoint import Checkpoint
+from ssm_pipeline.training.checkpoint import TrainingCheckpoint
 from ssm_pipeline.training.loss import pair_loss
 from ssm_pipeline.training.matcher import Matcher
 from ssm_pipeline.training.networks import Networks
@@ -25,14 +25,14 @@ from ssm_pipeline.training.start import starting_weights
 from ssm_pipeline.training.team import Team
 
 
-def train(
+def train_networks(
     bases: Sequence[SpectralBasis],
     settings: TrainingSettings,
     seed: int,
     device: str = "cpu",
-    start: Checkpoint | None = None,
+    start: TrainingCheckpoint | None = None,
     families: Sequence[str] | None = None,
-    on_checkpoint: Callable[[Checkpoint], None] = lambda checkpoint: None,
+    on_checkpoint: Callable[[TrainingCheckpoint], None] = lambda checkpoint: None,
     on_step: Callable[[int, dict[str, float]], None] = lambda step, losses: None,
 ) -> Matcher:
     """Train on all unordered pairs, `pairs_per_step` per step, in an order that the seed decides.
@@ -90,7 +90,9 @@ def train(
         history.append(losses)
         on_step(step + 1, losses)
         if (step + 1) % settings.checkpoint_every == 0:
-            on_checkpoint(Checkpoint(step + 1, networks.state(), optimiser.state_dict(), history))
+            on_checkpoint(
+                TrainingCheckpoint(step + 1, networks.state(), optimiser.state_dict(), history)
+            )
     seen = tuple(basis.case_id for basis in bases)
     return Matcher(networks.eval(), settings, seed, seen, len(bases[0].eigenvalues))
 
@@ -145,7 +147,7 @@ def follow(team: Team) -> None:
     while (work := team.await_call()) is not None:
         if work["device"] == "cuda":  # of a machine's processes each has a GPU of its own
             work["device"] = f"cuda:{os.environ['LOCAL_RANK']}"
-        train(**work)
+        train_networks(**work)
 
 
 def next_place(history: Sequence[dict[str, float]], settings: TrainingSettings) -> int:

@@ -10,7 +10,7 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.training.settings import TrainingSettings
-from ssm_pipeline.training.train import train
+from ssm_pipeline.training.train import train_networks
 
 SETTINGS = AdaptationSettings(samples=3000, steps=4)
 
@@ -23,7 +23,7 @@ def bases():
 @pytest.fixture(scope="module")
 def untrained(bases):
     small = MatchingSettings(descriptors=16, channels=8, width=16, blocks=2)
-    return train(bases, TrainingSettings(steps=1, matching=small), seed=0)
+    return train_networks(bases, TrainingSettings(steps=1, matching=small), seed=0)
 
 
 def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(bases):

@@ -9,9 +9,9 @@ import pytest
 from shapes import blob
 
 from ssm_pipeline.baselines import register as registering
-from ssm_pipeline.baselines.affine import affinely_aligned
+from ssm_pipeline.baselines.affine_registration import affinely_aligned
+from ssm_pipeline.baselines.common_start import rigid_start
 from ssm_pipeline.baselines.register import missing_package, register
-from ssm_pipeline.baselines.rigid_start import rigid_start
 from ssm_pipeline.baselines.settings import RegistrationSettings
 from ssm_pipeline.methods import REGISTRATIONS, Registration
 from ssm_pipeline.records import Mesh

@@ -9,10 +9,10 @@ import pytest
 import torch
 import trimesh
 
+from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint, batches, train_extractor
 from ssm_pipeline.baselines.s3m.s3m import S3MMatch, match_s3m, train_s3m
 from ssm_pipeline.baselines.s3m.samples import training_copies
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
-from ssm_pipeline.baselines.s3m.training import Checkpoint, batches, train
 from ssm_pipeline.geometry.topology import boundary_loop_count, euler_number
 from ssm_pipeline.records import CaseError, Mesh, StudyError
 
@@ -98,7 +98,7 @@ def test_the_same_seed_gives_the_same_bits() -> None:
 def test_training_that_was_stopped_goes_on_to_the_same_bits() -> None:
     meshes = [organ(s, f"case{s}") for s in (0.8, 1.2)]
     settings = SMALL.model_copy(update={"epochs": 3, "learning_rate": 1e-2})
-    kept: list[Checkpoint] = []
+    kept: list[S3MCheckpoint] = []
     whole = train_s3m(meshes, settings, 0, CPU, ignore, on_epoch=kept.append)
     assert [checkpoint.epoch for checkpoint in kept] == [1, 2, 3]
     going_on = train_s3m(meshes, settings, 0, CPU, ignore, start=kept[0])
@@ -112,19 +112,19 @@ def test_training_that_was_stopped_goes_on_to_the_same_bits() -> None:
 
 
 def test_every_epoch_draws_its_own_samples_and_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
-    from ssm_pipeline.baselines.s3m import training
+    from ssm_pipeline.baselines.s3m import epochs
 
     drawn: list[tuple[int, ...]] = []
-    original = training.drawn_sample
+    original = epochs.drawn_sample
 
     def spy(*arguments):
         sample = original(*arguments)
         drawn.append(tuple(sample.vertices))
         return sample
 
-    monkeypatch.setattr(training, "drawn_sample", spy)
+    monkeypatch.setattr(epochs, "drawn_sample", spy)
     copies = training_copies(organ(1.0, "a"), SMALL, np.random.default_rng(0))
-    train(copies, SMALL, 0, CPU, lambda done, of: None)
+    train_extractor(copies, SMALL, 0, CPU, lambda done, of: None)
     assert len(drawn) == 2 * len(copies)
     assert all(drawn[k] != drawn[k + len(copies)] for k in range(len(copies)))
 

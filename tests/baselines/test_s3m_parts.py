@@ -9,7 +9,8 @@ import trimesh
 from scipy.spatial.distance import cdist
 
 from ssm_pipeline.baselines.s3m.augmentation import bumped, rotated_about_z
-from ssm_pipeline.baselines.s3m.functional_map import functional_maps, nearest_in_spectrum
+from ssm_pipeline.baselines.s3m.farthest_points import farthest_points
+from ssm_pipeline.baselines.s3m.least_squares_map import functional_maps, nearest_in_spectrum
 from ssm_pipeline.baselines.s3m.losses import (
     eigenvector_products,
     multiplication_operators,
@@ -17,7 +18,6 @@ from ssm_pipeline.baselines.s3m.losses import (
 )
 from ssm_pipeline.baselines.s3m.network import FeatureExtractor, TAGConv, knn_graph
 from ssm_pipeline.baselines.s3m.product_manifold_filter import filtered_bijection
-from ssm_pipeline.baselines.s3m.sampling import farthest_points
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.baselines.s3m.spectrum import spectrum
 from ssm_pipeline.geometry.surface import area, volume

@@ -12,10 +12,10 @@ import torch
 from command_line import Workflow
 
 from ssm_pipeline import load_run, storage
-from ssm_pipeline.baselines.s3m import training as s3m_training
+from ssm_pipeline.baselines.s3m import epochs
 from ssm_pipeline.evaluation.model_quality import held_out_folds
 from ssm_pipeline.records import CorrespondedShapes, Metrics
-from ssm_pipeline.training import train as training
+from ssm_pipeline.training import train
 
 
 @pytest.fixture
@@ -76,8 +76,8 @@ def test_retrained_folds_never_see_the_cases_they_are_asked_about(
     assert rows["unseen_specificity_surface_mm"].notna().tolist() == [True, False, True]
 
     # What is finished is kept: the same folds after another change train nothing.
-    monkeypatch.setattr(training, "pair_loss", lambda *a: pytest.fail("trained again"))
-    monkeypatch.setattr(s3m_training, "batch_loss", lambda *a: pytest.fail("trained again"))
+    monkeypatch.setattr(train, "pair_loss", lambda *a: pytest.fail("trained again"))
+    monkeypatch.setattr(epochs, "batch_loss", lambda *a: pytest.fail("trained again"))
     assert workflow(*words, "--samples", "21").code == 0
     # And without --retrain its tables are gone.
     back = workflow("evaluate", str(run_copy), "--set", "comparison.retrain=false")

@@ -15,7 +15,7 @@ from ssm_pipeline.training.checkpoint import save_checkpoint
 from ssm_pipeline.training.matcher import save_matcher, save_tensors
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.team import team_of_torchrun
-from ssm_pipeline.training.train import follow, train
+from ssm_pipeline.training.train import follow, train_networks
 
 SETTINGS = TrainingSettings(
     steps=8,
@@ -38,7 +38,7 @@ def main(folder: Path, *words: str) -> None:
             follow(team)
             return
         rows: list[dict[str, float]] = []
-        matcher = train(
+        matcher = train_networks(
             [basis_of(blob(seed, faces=300)) for seed in (1, 2, 3)],
             settings,
             seed=5,

@@ -8,11 +8,11 @@ from ssm_pipeline.data_prep.formats.surface_files import read_mesh
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
-from ssm_pipeline.training.checkpoint import Checkpoint
+from ssm_pipeline.training.checkpoint import TrainingCheckpoint
 from ssm_pipeline.training.matcher import load_matcher, save_matcher
 from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 from ssm_pipeline.training.start import refuse_other_networks, starting_weights
-from ssm_pipeline.training.train import train
+from ssm_pipeline.training.train import train_networks
 
 SPLEENS = Path(__file__).parents[3] / "shared" / "data" / "msd_spleen_surfaces"
 SMALL = TrainingSettings(
@@ -28,7 +28,7 @@ def bases():
 
 @pytest.fixture(scope="module")
 def trained(bases, tmp_path_factory):
-    matcher = train(bases, SMALL, seed=4)
+    matcher = train_networks(bases, SMALL, seed=4)
     path = tmp_path_factory.mktemp("start") / "matcher.pt"
     save_matcher(matcher, path)
     return matcher, path
@@ -36,7 +36,7 @@ def trained(bases, tmp_path_factory):
 
 def test_no_steps_leave_the_weights_as_they_start(bases, trained):
     matcher, path = trained
-    same = train(bases, SMALL.model_copy(update={"start": str(path), "steps": 0}), seed=9)
+    same = train_networks(bases, SMALL.model_copy(update={"start": str(path), "steps": 0}), seed=9)
     shape = matcher.shape(bases[0])
     assert torch.equal(matcher.features(shape), same.features(shape))
 
@@ -45,10 +45,12 @@ def test_steps_from_given_weights_begin_where_those_ended(bases, trained):
     _, path = trained
     fresh, started = [], []
     go_on = SMALL.model_copy(update={"start": str(path)})
-    train(bases, SMALL, seed=4, on_step=lambda step, losses: fresh.append(losses["total"]))
-    train(bases, go_on, seed=4, on_step=lambda step, losses: started.append(losses["total"]))
+    train_networks(bases, SMALL, seed=4, on_step=lambda step, losses: fresh.append(losses["total"]))
+    train_networks(
+        bases, go_on, seed=4, on_step=lambda step, losses: started.append(losses["total"])
+    )
     assert started[0] != fresh[0]
-    weights = [train(bases, settings, seed=4) for settings in (SMALL, go_on)]
+    weights = [train_networks(bases, settings, seed=4) for settings in (SMALL, go_on)]
     assert not torch.equal(*(next(matcher.networks.parameters()) for matcher in weights))
 
 
@@ -58,10 +60,10 @@ def test_training_that_goes_on_does_not_read_its_start_again(bases, trained, tmp
     begun = tmp_path / "matcher.pt"
     begun.write_bytes(path.read_bytes())
     settings = SMALL.model_copy(update={"start": str(begun), "checkpoint_every": 2})
-    checkpoints: list[Checkpoint] = []
-    whole = train(bases, settings, seed=4, on_checkpoint=checkpoints.append)
+    checkpoints: list[TrainingCheckpoint] = []
+    whole = train_networks(bases, settings, seed=4, on_checkpoint=checkpoints.append)
     begun.unlink()
-    resumed = train(bases, settings, seed=4, start=checkpoints[0])
+    resumed = train_networks(bases, settings, seed=4, start=checkpoints[0])
     shape = whole.shape(bases[0])
     assert torch.equal(whole.features(shape), resumed.features(shape))
 
@@ -86,11 +88,11 @@ def test_the_built_in_weights_match_shapes_never_seen():
     """Without a step on them: the map is sharp, and carries a shape to itself."""
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.spectral.settings import SpectralSettings
-    from ssm_pipeline.training.template import choose_template
+    from ssm_pipeline.training.template_choice import choose_template
 
     spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
     bases = [spectral_basis(blob(seed, faces=1000), spectral) for seed in (1, 2)]
-    matcher = train(bases, TrainingSettings(start="built-in", steps=0), seed=0)
+    matcher = train_networks(bases, TrainingSettings(start="built-in", steps=0), seed=0)
     _, table = choose_template(matcher, bases)
     assert (table["map_extent"] > 0.9).all()
 
@@ -145,7 +147,7 @@ def test_the_built_in_weights_match_organs_of_another_anatomy():
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.spectral.settings import SpectralSettings
-    from ssm_pipeline.training.template import choose_template
+    from ssm_pipeline.training.template_choice import choose_template
 
     settings = TrainingSettings(
         start="built-in", steps=0, matching=MatchingSettings(features="xyz+wks")
@@ -153,5 +155,5 @@ def test_the_built_in_weights_match_organs_of_another_anatomy():
     spectral = SpectralSettings(eigenpairs=BUILT_IN_EIGENPAIRS)
     surfaces = [read_mesh(path) for path in sorted(SPLEENS.glob("*.ply"))[:4]]
     bases = [spectral_basis(decimate(mesh, settings.faces), spectral) for mesh in surfaces]
-    _, table = choose_template(train(bases, settings, seed=0), bases)
+    _, table = choose_template(train_networks(bases, settings, seed=0), bases)
     assert (table["map_extent"] > 0.9).all()

@@ -15,7 +15,7 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.training.checkpoint import load_checkpoint
 from ssm_pipeline.training.matcher import load_matcher, load_tensors
 from ssm_pipeline.training.team import Team
-from ssm_pipeline.training.train import train
+from ssm_pipeline.training.train import train_networks
 
 HERE = Path(__file__).parent
 PATHS = os.pathsep.join(map(str, (HERE, HERE.parent, HERE.parents[1])))
@@ -41,7 +41,7 @@ def test_two_processes_train_as_one_and_go_on_where_the_other_number_stopped(tmp
 
     losses: list[dict[str, float]] = []
     bases = [basis_of(blob(seed, faces=300)) for seed in (1, 2, 3)]
-    alone = train(bases, SETTINGS, seed=5, on_step=lambda step, row: losses.append(row))
+    alone = train_networks(bases, SETTINGS, seed=5, on_step=lambda step, row: losses.append(row))
     done = trained(tmp_path, 2)
     assert done.returncode == 0, done.stderr[-3000:]
     assert (tmp_path / "wrote").read_text() == "0"  # the leader, and nobody else
@@ -57,7 +57,7 @@ def test_two_processes_train_as_one_and_go_on_where_the_other_number_stopped(tmp
 
     start = load_checkpoint(tmp_path / "checkpoint-3.pt")  # of two processes, goes on in one
     rest: list[dict[str, float]] = []
-    train(bases, SETTINGS, seed=5, start=start, on_step=lambda step, row: rest.append(row))
+    train_networks(bases, SETTINGS, seed=5, start=start, on_step=lambda step, row: rest.append(row))
     assert [row["total"] for row in rest] == pytest.approx(
         [row["total"] for row in losses[3:]], rel=1e-3
     )
@@ -69,7 +69,7 @@ def test_three_pairs_on_two_processes_are_no_other_step(tmp_path: Path):
     settings = SETTINGS.model_copy(update={"pairs_per_step": 3})
     losses: list[float] = []
     bases = [basis_of(blob(seed, faces=300)) for seed in (1, 2, 3)]
-    train(bases, settings, seed=5, on_step=lambda step, row: losses.append(row["total"]))
+    train_networks(bases, settings, seed=5, on_step=lambda step, row: losses.append(row["total"]))
     done = trained(tmp_path, 2, "pairs_per_step=3")
     assert done.returncode == 0, done.stderr[-3000:]
     together = [row["total"] for row in load_tensors(tmp_path / "losses.pt")["losses"]]
@@ -99,7 +99,7 @@ def test_gradients_of_several_pairs_are_their_mean():
     for pairs in rows:
         still = SETTINGS.matching.model_copy(update={"dropout": 0.0})
         settings = SETTINGS.model_copy(update={"pairs_per_step": pairs, "matching": still})
-        train(
+        train_networks(
             [ball, ball],
             settings,
             seed=5,

@@ -15,12 +15,12 @@ from ssm_pipeline.training.matcher import load_matcher, save_matcher
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.pairs import Pairs
 from ssm_pipeline.training.settings import TrainingSettings
-from ssm_pipeline.training.template import choose_template
+from ssm_pipeline.training.template_choice import choose_template
 from ssm_pipeline.training.train import (
     clip_gradients,
     learning_rate_at,
     next_place,
-    train,
+    train_networks,
     turned_inputs,
 )
 
@@ -41,7 +41,7 @@ def bases():
 
 @pytest.fixture(scope="module")
 def matcher(bases):
-    return train(bases, SETTINGS, seed=5)
+    return train_networks(bases, SETTINGS, seed=5)
 
 
 def weights_of(matcher):
@@ -53,18 +53,18 @@ def test_the_loss_goes_down(bases):
     longer = SETTINGS.model_copy(
         update={"steps": 60, "time_steps": (1,), "time_step_shares": (1.0,)}
     )
-    train(bases, longer, seed=0, on_step=lambda step, terms: losses.append(terms["total"]))
+    train_networks(bases, longer, seed=0, on_step=lambda step, terms: losses.append(terms["total"]))
     assert sum(losses[-6:]) < 0.7 * sum(losses[:6])
 
 
 def test_same_seed_same_bits_and_other_seed_others(bases, matcher):
-    assert torch.equal(weights_of(matcher), weights_of(train(bases, SETTINGS, seed=5)))
-    assert not torch.equal(weights_of(matcher), weights_of(train(bases, SETTINGS, seed=6)))
+    assert torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=5)))
+    assert not torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=6)))
 
 
 def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path):
     checkpoints = []
-    train(
+    train_networks(
         bases,
         SETTINGS,
         seed=5,
@@ -74,7 +74,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path):
         ),
     )
     assert checkpoints == [3, 6]
-    resumed = train(bases, SETTINGS, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
+    resumed = train_networks(bases, SETTINGS, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
     assert torch.equal(weights_of(matcher), weights_of(resumed))
 
 
@@ -99,7 +99,7 @@ def test_pairs_are_of_one_family(bases):
     pairs = Pairs(["a", "b", "a", "b"], seed=0)
     assert sorted(pairs.at(index) for index in range(2)) == [(0, 2), (1, 3)]
     with pytest.raises(StudyError, match="at least 2 shapes"):
-        train(bases, SETTINGS, seed=0, families=["a", "b", "c"])
+        train_networks(bases, SETTINGS, seed=0, families=["a", "b", "c"])
 
 
 def test_of_very_many_pairs_each_is_drawn_evenly_by_its_place():
@@ -135,7 +135,9 @@ def test_the_loss_of_a_pair_is_symmetric(bases, matcher):
 def test_without_the_spatial_loss_only_the_features_learn(bases):
     settings = SETTINGS.spectral_only()
     rows: list[dict[str, float]] = []
-    trained = train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
+    trained = train_networks(
+        bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses)
+    )
     fresh = Networks.new(settings, 5)
     assert set(rows[-2]) == {"schedule", "total", "bijectivity", "orthogonality", "coupling"}
     pairs = zip(fresh.both(), trained.networks.both(), strict=True)
@@ -148,7 +150,7 @@ def test_without_the_spatial_loss_only_the_features_learn(bases):
 
 def test_one_shape_is_too_few(bases):
     with pytest.raises(StudyError, match="at least 2 shapes; 1 found"):
-        train(bases[:1], SETTINGS, seed=0)
+        train_networks(bases[:1], SETTINGS, seed=0)
 
 
 def test_template_has_the_smallest_mean_loss(bases, matcher):
@@ -182,16 +184,16 @@ def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path):
             ),
         }
     )
-    whole = train(
+    whole = train_networks(
         bases,
         settings,
         seed=5,
         on_checkpoint=lambda c: save_checkpoint(c, tmp_path / f"{c.step}.pt"),
     )
     torch.manual_seed(99)  # what lies in torch's own generator does not matter
-    resumed = train(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
+    resumed = train_networks(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
     assert torch.equal(weights_of(whole), weights_of(resumed))
-    assert not torch.equal(weights_of(whole), weights_of(train(bases, settings, seed=6)))
+    assert not torch.equal(weights_of(whole), weights_of(train_networks(bases, settings, seed=6)))
 
 
 def test_turned_coordinates_are_a_rotation_and_leave_the_rest():
@@ -222,7 +224,7 @@ def test_both_shapes_can_be_turned_together():
 def test_the_map_is_watched_now_and_then(bases):
     rows: list[dict[str, float]] = []
     settings = SETTINGS.model_copy(update={"watch_every": 4})
-    train(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
+    train_networks(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
     watched = [step for step, row in enumerate(rows) if "map_extent" in row]
     assert watched == [0, 4, 7]
     assert 0 < rows[0]["share_hit"] <= 1
@@ -274,7 +276,7 @@ def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last():
 def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_path):
     settings = SETTINGS.model_copy(update={"steps": 60, "patience": 2, "checkpoint_every": 3})
     rows: list[dict[str, float]] = []
-    whole = train(
+    whole = train_networks(
         bases,
         settings,
         seed=5,
@@ -282,5 +284,5 @@ def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_
         on_step=lambda step, losses: rows.append(losses),
     )
     assert len(rows) < 60
-    resumed = train(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
+    resumed = train_networks(bases, settings, seed=5, start=load_checkpoint(tmp_path / "3.pt"))
     assert torch.equal(weights_of(whole), weights_of(resumed))

@@ -15,7 +15,16 @@ import joblib
 import numpy as np
 import torch
 
-from ssm_pipeline.baselines.s3m.functional_map import functional_maps, nearest_in_spectrum
+from ssm_pipeline.baselines.s3m.epochs import (
+    S3MCheckpoint,
+    descriptor_operators,
+    descriptors,
+    new_network,
+    random_descriptors,
+    train_extractor,
+)
+from ssm_pipeline.baselines.s3m.joined_points import joining_faces
+from ssm_pipeline.baselines.s3m.least_squares_map import functional_maps, nearest_in_spectrum
 from ssm_pipeline.baselines.s3m.losses import pair_losses
 from ssm_pipeline.baselines.s3m.network import FeatureExtractor
 from ssm_pipeline.baselines.s3m.product_manifold_filter import filtered_bijection
@@ -28,15 +37,6 @@ from ssm_pipeline.baselines.s3m.samples import (
     training_copies,
 )
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
-from ssm_pipeline.baselines.s3m.surface import joining_faces
-from ssm_pipeline.baselines.s3m.training import (
-    Checkpoint,
-    descriptor_operators,
-    descriptors,
-    new_network,
-    random_descriptors,
-    train,
-)
 from ssm_pipeline.geometry.geodesics import geodesics_from
 from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.parallel import in_processes
@@ -68,9 +68,9 @@ def train_s3m(
     seed: int,
     device: torch.device,
     on_progress: Progress,
-    start: Checkpoint | None = None,
-    on_epoch: Callable[[Checkpoint], None] = lambda checkpoint: None,
-) -> Checkpoint:
+    start: S3MCheckpoint | None = None,
+    on_epoch: Callable[[S3MCheckpoint], None] = lambda checkpoint: None,
+) -> S3MCheckpoint:
     """Train S3M's network on the meshes, from a checkpoint where there is one.
 
     Raises StudyError for fewer than two meshes, CaseError for a mesh with fewer vertices than the
@@ -82,7 +82,7 @@ def train_s3m(
     for done, mesh in enumerate(inputs, 1):
         copies += training_copies(mesh, settings, generator)
         on_progress("sample", done, len(meshes))
-    return train(
+    return train_extractor(
         copies,
         settings,
         seed,
@@ -95,7 +95,7 @@ def train_s3m(
 
 def match_s3m(
     meshes: Sequence[Mesh],
-    trained: Checkpoint,
+    trained: S3MCheckpoint,
     settings: S3MSettings,
     seed: int,
     device: torch.device,

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from ssm_pipeline.baselines.s3m.augmentation import bumped, rotated_about_z
+from ssm_pipeline.baselines.s3m.farthest_points import farthest_points
 from ssm_pipeline.baselines.s3m.losses import eigenvector_products
 from ssm_pipeline.baselines.s3m.network import Graph, knn_graph
-from ssm_pipeline.baselines.s3m.sampling import farthest_points
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.baselines.s3m.spectrum import Spectrum, spectrum
 from ssm_pipeline.records import Mesh

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ssm_pipeline.baselines.s3m.functional_map import functional_maps
+from ssm_pipeline.baselines.s3m.least_squares_map import functional_maps
 from ssm_pipeline.baselines.s3m.losses import multiplication_operators, pair_losses
 from ssm_pipeline.baselines.s3m.network import FeatureExtractor
 from ssm_pipeline.baselines.s3m.samples import Sample, TrainingCopy, drawn_sample, stacked
@@ -19,7 +19,7 @@ from ssm_pipeline.baselines.s3m.settings import S3MSettings
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class S3MCheckpoint:
     """After an epoch, enough to go on to the same bits: states as torch gives them, and the mean
     loss of each epoch so far."""
 
@@ -33,15 +33,15 @@ class Checkpoint:
         return len(self.losses)
 
 
-def train(
+def train_extractor(
     copies: Sequence[TrainingCopy],
     settings: S3MSettings,
     seed: int,
     device: torch.device,
     on_step: Callable[[int, int], None],
-    start: Checkpoint | None = None,
-    on_epoch: Callable[[Checkpoint], None] = lambda checkpoint: None,
-) -> Checkpoint:
+    start: S3MCheckpoint | None = None,
+    on_epoch: Callable[[S3MCheckpoint], None] = lambda checkpoint: None,
+) -> S3MCheckpoint:
     """Train on the copies up to `settings.epochs`; on_epoch gets every epoch's checkpoint.
 
     Every epoch draws each copy's sample anew (the public code at every use). The learning rate
@@ -157,9 +157,9 @@ def _checkpoint(
     optimiser: torch.optim.Optimizer,
     scheduler: torch.optim.lr_scheduler.ReduceLROnPlateau,
     losses: Sequence[float],
-) -> Checkpoint:
+) -> S3MCheckpoint:
     """A copy that later steps leave alone."""
     weights = {name: value.detach().clone() for name, value in network.state_dict().items()}
-    return Checkpoint(
+    return S3MCheckpoint(
         weights, copy.deepcopy(optimiser.state_dict()), scheduler.state_dict(), list(losses)
     )

@@ -34,7 +34,7 @@ def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
     return Similarity(scale, found.rotation, translation)
 
 
-def rigidly_aligned(
+def meshes_at_common_start(
     template: Mesh, meshes: Sequence[Mesh], seed: int = 0
 ) -> tuple[list[Mesh], list[Similarity]]:
     """The meshes turned and moved onto the template, sizes kept, by `rigid_start`.

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from shapes import blob
 
-from ssm_pipeline.baselines.rigid_start import rigid_start, rigidly_aligned
+from ssm_pipeline.baselines.common_start import meshes_at_common_start, rigid_start
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import centroid
 from ssm_pipeline.records import Mesh
@@ -32,7 +32,7 @@ def test_aligned_meshes_lie_on_the_template_in_their_own_size():
     template = blob(1, faces=600)
     frame = Similarity(1.4, TURN, np.array([80.0, -300.0, 12.0]))
     case = Mesh(frame.apply(template.vertices), template.faces, "case")
-    (aligned,), (back,) = rigidly_aligned(template, [case])
+    (aligned,), (back,) = meshes_at_common_start(template, [case])
     assert back.scale == 1
     start = rigid_start(template, case)
     middle = centroid(template.vertices, template.faces)

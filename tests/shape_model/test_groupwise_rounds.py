@@ -7,8 +7,8 @@ from ssm_pipeline.adaptation.correspond import correspond_again
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
-from ssm_pipeline.shape_model.correspondence import collect, points_on_cases
-from ssm_pipeline.shape_model.groupwise import groupwise_rounds, placed_means
+from ssm_pipeline.shape_model.collected_points import collect, points_on_cases
+from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds, placed_means
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
 
 
