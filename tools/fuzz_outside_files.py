@@ -207,10 +207,12 @@ def write_covariates(folder: Path, name: str) -> Path:
 
 
 def read_covariates(path: Path) -> object:
-    from ssm_pipeline.commands.compare_cases import read_table
+    from ssm_pipeline.data_prep.formats.tables import read_table, typed
     from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 
-    return design_of("~ sex + age", matched_to_cases(read_table(path), CASE_IDS))
+    return design_of(
+        "~ sex + age", matched_to_cases(typed(read_table(path), ["sex", "age"]), CASE_IDS)
+    )
 
 
 def write_statismo(folder: Path) -> Path:

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.data_prep.formats.tables import read_table, typed
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.export.comparison_files import write_comparison
@@ -16,10 +16,8 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import COMPARISONS, Run, load_run
 from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
-from ssm_pipeline.statistics.covariates import ID_COLUMNS, design_of, matched_to_cases
+from ssm_pipeline.statistics.covariates import design_of, matched_to_cases, variables_of
 from ssm_pipeline.study.study import read_run_settings
-
-SEPARATORS = {".tsv": "\t", ".csv": ","}
 
 
 def compare_cases(
@@ -41,7 +39,9 @@ def compare_cases(
     terminal = terminal or Terminal()
     run, settings = load_run(run_folder), read_run_settings(run_folder)
     _refuse_doubled_patients(run)
-    design = design_of(formula, matched_to_cases(read_table(covariates), run.cases))
+    table = read_table(covariates)
+    table = typed(table, [name for name in variables_of(formula) if name in table])
+    design = design_of(formula, matched_to_cases(table, run.cases))
     terminal.say(f"{len(run.cases)} cases, {', '.join(column.name for column in design.columns)}")
     result = compare(
         run.model,
@@ -92,23 +92,3 @@ def _refuse_doubled_patients(run: Run) -> None:
             "independent, and would find effects where there are none. Compare a run with one case "
             "a patient: one side (data.side), or data.cases with one of each."
         )
-
-
-def read_table(path: Path) -> pd.DataFrame:
-    """A CSV or TSV of covariates; ids stay text. Raises StudyError."""
-    separator = SEPARATORS.get(path.suffix.lower())
-    if separator is None:
-        raise StudyError(f"{path} is neither .tsv nor .csv. Save the table as one of these.")
-    try:
-        table = pd.read_csv(path, sep=separator)  # "n/a" is BIDS's empty cell, and pandas knows it
-        # Ids as they are written: "007" is no number, and a case may be called NA.
-        ids = pd.read_csv(
-            path,
-            sep=separator,
-            dtype=str,
-            keep_default_na=False,
-            usecols=[name for name in ID_COLUMNS if name in table],
-        )
-        return table.assign(**{name: ids[name].to_numpy() for name in ids})
-    except (OSError, ValueError) as error:  # pandas' parser errors are ValueErrors
-        raise StudyError(f"the table {path} can't be read: {error}.") from error

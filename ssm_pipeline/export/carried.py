@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from ssm_pipeline.data_prep.formats.tables import read_table
 from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.records import StudyError
 
@@ -46,12 +46,9 @@ def markups(names: Sequence[str], positions: np.ndarray) -> dict[str, Any]:
 def read_vertex_labels(path: Path, vertex_count: int) -> np.ndarray:
     """(V,) text: the label of every template vertex, "" where the table gives none.
 
-    A CSV with columns vertex (from 0, as in meshes/template.ply) and label. Raises StudyError.
+    A table with columns vertex (from 0, as in meshes/template.ply) and label. Raises StudyError.
     """
-    try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False)
-    except (OSError, ValueError) as error:
-        raise StudyError(f"the table of labels {path} can't be read: {error}.") from error
+    table = read_table(path)
     if missing := [name for name in ("vertex", "label") if name not in table]:
         raise StudyError(
             f"{path} has no column {' and no column '.join(missing)}; vertex and label are needed."

@@ -95,12 +95,9 @@ def design_of(formula: str, covariates: pd.DataFrame) -> Design:
     right = text if text.startswith("~") else f"~ {text}"
     known = [str(name) for name in covariates.columns if name != "case_id"]
     try:
-        variables = sorted(map(str, formulaic.Formula(right).required_variables))
-    except (FormulaicError, SyntaxError, ValueError, TypeError) as error:
-        raise StudyError(
-            f'the formula {formula!r} can\'t be read: {error}. Write it as "~ sex + age"; the '
-            f"table has {', '.join(known)}."
-        ) from error
+        variables = variables_of(formula)
+    except StudyError as error:
+        raise StudyError(f"{error} The table has {', '.join(known)}.") from error
     if unknown := [name for name in variables if name not in known]:
         raise StudyError(
             f"the formula {formula!r} names {', '.join(unknown)}, and the table has "
@@ -137,6 +134,25 @@ def design_of(formula: str, covariates: pd.DataFrame) -> Design:
         for place in range(1, len(names))
     ]
     return Design(text, matrix, tuple(columns), used)
+
+
+def variables_of(formula: str) -> list[str]:
+    """Names of the columns that a formula uses, sorted. Raises StudyError.
+
+    >>> variables_of("~ sex + C(stage)")
+    ['sex', 'stage']
+    """
+    import formulaic
+    from formulaic.errors import FormulaicError
+
+    text = formula.strip()
+    right = text if text.startswith("~") else f"~ {text}"
+    try:
+        return sorted(map(str, formulaic.Formula(right).required_variables))
+    except (FormulaicError, SyntaxError, ValueError, TypeError) as error:
+        raise StudyError(
+            f'the formula {formula!r} can\'t be read: {error}. Write it as "~ sex + age".'
+        ) from error
 
 
 def _check_values(used: pd.DataFrame, variables: Sequence[str]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ssm_pipeline.commands.compare_cases import read_table
+from ssm_pipeline.data_prep.formats.tables import read_table, typed
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 
@@ -45,7 +45,7 @@ def test_ids_that_pandas_takes_for_missing_are_ids(tmp_path):
     ids = ("NA", "nan", "None", "007", "null")
     rows = "".join(f"{case_id}\t{age}\n" for age, case_id in enumerate(ids))
     (tmp_path / "a.tsv").write_text("participant_id\tage\n" + rows + "n/a\tn/a\n")
-    read = read_table(tmp_path / "a.tsv")
+    read = typed(read_table(tmp_path / "a.tsv"), ["age"])
     assert read["age"].isna().tolist() == [False] * 5 + [True]
     matched = matched_to_cases(read[:5], ids[::-1])
     assert tuple(matched["case_id"]) == ids[::-1]
