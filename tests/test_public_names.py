@@ -36,7 +36,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
 
 
 def test_every_public_name_is_on_the_api_page() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     listed = re.findall(r"^::: ssm_pipeline\.(\w+)$", page, flags=re.MULTILINE)
     assert sorted(listed) == sorted(set(ssm.__all__) - {"__version__"})
 

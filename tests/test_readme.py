@@ -13,7 +13,7 @@ import ssm_pipeline
 ROOT = Path(__file__).parents[1]
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
-    for path in [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md"))]
+    for path in [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
 }
 PYTHON_BLOCKS = [
     pytest.param(block, id=f"{page}-{number}")
@@ -25,7 +25,7 @@ OF_A_RUN = [block for block in PYTHON_BLOCKS if "load_run(" in str(block.values[
 
 def test_there_is_python_in_readme_and_the_tutorial():
     pages = {str(block.id).rsplit("-", 1)[0] for block in PYTHON_BLOCKS}
-    assert {"README.md", "docs/own-organ.md"} <= pages
+    assert {"README.md", "docs/how-to/own-organ.md"} <= pages
     assert len(OF_A_RUN) == 2
 
 
@@ -82,11 +82,11 @@ def test_every_command_is_on_its_page():
     names = [*group.commands.keys() - {"benchmark"}]
     names += [f"benchmark {name}" for name in group.commands["benchmark"].commands]
     for name in names:
-        assert f"`workflow {name}" in PAGES["docs/commands.md"], name
+        assert f"`workflow {name}" in PAGES["docs/reference/commands.md"], name
 
 
 def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path):
-    block = PAGES["docs/formats.md"].split("runs/luna16/\n")[1].split("\n\n")[0]
+    block = PAGES["docs/reference/formats.md"].split("runs/luna16/\n")[1].split("\n\n")[0]
     for line in block.splitlines():
         folder, content = line.split(maxsplit=1)
         if not folder.endswith("/"):
