@@ -9,7 +9,7 @@ SYSTEM_PACKAGES := libgl1 libopengl0 libegl1 libosmesa6
 TEST_PACKAGES   := chromium
 STUDY ?= luna16
 
-.PHONY: run test test-slow lint docs package install install-dev system system-test clean
+.PHONY: run test test-slow coverage audit lint docs package install install-dev system system-test clean
 
 run: install
 	$(BIN)/workflow run $(STUDY)
@@ -22,8 +22,18 @@ test-slow: install-dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m slow -s
 	OMP_NUM_THREADS=1 $(BIN)/python tools/fuzz.py --count 10000
 
+# Which lines the tests reach. Processes that a test starts are not counted.
+coverage: install-dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --cov=ssm_pipeline --cov-report=term:skip-covered
+
+# Known vulnerabilities in the pinned versions.
+audit: install-dev
+	$(BIN)/python -m pip install --quiet pip-audit
+	$(BIN)/pip-audit --requirement constraints.txt --no-deps --disable-pip
+
 lint: install-dev
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 docs: install-dev
