@@ -16,7 +16,9 @@ import numpy as np
 from ssm_pipeline.data_prep.cohorts.selection import ALL, Choice, choose, cohort_of, unique_by_id
 from ssm_pipeline.data_prep.cohorts.sides import load_mirrored
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix, is_image
-from ssm_pipeline.data_prep.formats.images import LabelImage, read_labels, select_labels
+from ssm_pipeline.data_prep.formats.images import read_labels
+from ssm_pipeline.data_prep.formats.label_images import LabelImage
+from ssm_pipeline.data_prep.formats.organ_masks import select_labels
 from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError, Surface
 
 Side = Literal["left", "right", "both"]

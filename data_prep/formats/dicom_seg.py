@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ssm_pipeline.data_prep.formats.images import LabelImage, place
+from ssm_pipeline.data_prep.formats.label_images import LabelImage, place
 from ssm_pipeline.records import CaseError, StudyError
 
 MOST_SLICES = 10_000  # two metres at 0.2 mm: between frames that lie farther apart, nothing is

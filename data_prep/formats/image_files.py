@@ -1,7 +1,7 @@
 """Is an image file whole? SimpleITK reads some damaged files in silence.
 
 Measured with SimpleITK 2.5: a `.zraw` with a damaged byte loses what follows it and does not
-raise; cut `.mhd` and `.nrrd` data do raise. What NIfTI hides is in `nifti_header.py`.
+raise; cut `.mhd` and `.nrrd` data do raise. What NIfTI hides is in `nifti.py`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ssm_pipeline.data_prep.formats.damaged import damaged
 from ssm_pipeline.data_prep.formats.metaimage_header import check_metaimage
-from ssm_pipeline.data_prep.formats.nifti_header import (
-    NiftiHeader,
-    check_nifti_size,
-    damaged,
-    read_nifti_header,
-)
+from ssm_pipeline.data_prep.formats.nifti import NiftiFile, read_nifti_header
 from ssm_pipeline.records import CaseError
 
 SUFFIXES = (".mhd", ".mha", ".seg.nrrd", ".nrrd", ".nii.gz", ".nii")
@@ -42,7 +38,7 @@ def is_image(path: Path) -> bool:
     return image_suffix(path) is not None and not path.name.startswith(".") and path.is_file()
 
 
-def check_header(path: Path, case_id: str) -> NiftiHeader | None:
+def check_header(path: Path, case_id: str) -> NiftiFile | None:
     """Raise CaseError for a header whose spacing is not usable or whose data file is missing.
 
     A NIfTI file is also decompressed to its end, as SimpleITK would not notice one cut short.
@@ -67,12 +63,13 @@ def check_header(path: Path, case_id: str) -> NiftiHeader | None:
         if (stream := _compressed_stream(path)) is not None:
             _check_zlib_start(stream[0], stream[1], case_id)
     elif suffix in (".nii", ".nii.gz"):
-        header, found = read_nifti_header(path, case_id)
-        if header is not None:
-            check_nifti_size(header, found, path, case_id)
-            sizes = [str(value) for value in header.pixdim[1 : 1 + min(header.dim[0], 3)]]
-            _check_spacing(sizes, path, case_id)
-        return header
+        file = read_nifti_header(path, case_id)
+        if file is not None:
+            axes = min(int(file.header["dim"][0]), 3)
+            _check_spacing(
+                [str(size) for size in file.header["pixdim"][1 : 1 + axes]], path, case_id
+            )
+        return file
     return None
 
 

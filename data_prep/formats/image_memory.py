@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
@@ -21,8 +22,12 @@ def needed_gb(path: Path) -> float:
     header.SetFileName(str(path))
     header.ReadImageInformation()
     stored = sitk.Image([1, 1], header.GetPixelIDValue()).GetSizeOfPixelComponent()
-    per_voxel = COPIES * stored * header.GetNumberOfComponents() + MORE_BYTES
-    return math.prod(header.GetSize()) * per_voxel / 2**30
+    return needed_gb_of(header.GetSize(), stored * header.GetNumberOfComponents())
+
+
+def needed_gb_of(size: Sequence[int], stored_bytes: int) -> float:
+    """The same, by the number of voxels along each axis and the bytes of one."""
+    return math.prod(size) * (COPIES * stored_bytes + MORE_BYTES) / 2**30
 
 
 def free_gb() -> float:
@@ -36,12 +41,12 @@ def free_gb() -> float:
     return free / 2**30
 
 
-def refuse_too_large(path: Path, case_id: str) -> None:
-    """Raise StudyError for an image that takes more memory than there is.
+def refuse_too_large(needed: float, path: Path, case_id: str) -> None:
+    """Raise StudyError for an image that needs more memory (GB) than there is.
 
     No CaseError, which would drop the case for good: another machine may have the memory.
     """
-    needed, free = needed_gb(path), free_gb()
+    free = free_gb()
     if needed > free:
         raise StudyError(
             f"case {case_id}: {path.name} is large: to read and mesh it takes up to {needed:.1f} "

@@ -12,7 +12,9 @@ import SimpleITK as sitk
 
 from ssm_pipeline.data_prep.formats.dicom_seg import is_dicom_seg, read_dicom_segments
 from ssm_pipeline.data_prep.formats.image_files import check_voxels, image_suffix, is_image
-from ssm_pipeline.data_prep.formats.images import LabelImage, organ_mask, read_image, select_labels
+from ssm_pipeline.data_prep.formats.images import read_image
+from ssm_pipeline.data_prep.formats.label_images import LabelImage
+from ssm_pipeline.data_prep.formats.organ_masks import organ_mask, select_labels
 from ssm_pipeline.records import CaseError, Mask
 
 Segments = list[tuple[str, LabelImage, int]]  # name, an image, and the segment's value in it

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ssm_pipeline.data_prep.formats.nifti_header import damaged
+from ssm_pipeline.data_prep.formats.damaged import damaged
 from ssm_pipeline.data_prep.formats.vtk_surface import UnreadableSurface, read_vtk
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges

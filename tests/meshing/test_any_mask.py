@@ -14,7 +14,8 @@ from hypothesis.extra.numpy import arrays
 from mask_shapes import ball, mask_of
 from scipy.spatial.transform import Rotation
 
-from ssm_pipeline.data_prep.formats.images import LabelImage, select_labels
+from ssm_pipeline.data_prep.formats.label_images import LabelImage
+from ssm_pipeline.data_prep.formats.organ_masks import select_labels
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import euler_number, face_components, is_oriented_manifold
 from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
