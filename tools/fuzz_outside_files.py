@@ -210,9 +210,9 @@ def read_covariates(path: Path) -> object:
     from ssm_pipeline.data_prep.formats.tables import read_table, typed
     from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 
-    return design_of(
-        "~ sex + age", matched_to_cases(typed(read_table(path), ["sex", "age"]), CASE_IDS)
-    )
+    table = read_table(path)
+    table = typed(table, [name for name in ("age", "sex") if name in table])
+    return design_of("~ sex + age", matched_to_cases(table, CASE_IDS))
 
 
 def write_statismo(folder: Path) -> Path:
