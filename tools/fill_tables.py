@@ -22,7 +22,7 @@ from ssm_pipeline.experiments.results_file import figures_in
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs" / "results"
-TABLE = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(\n<!-- end of table -->)", flags=re.DOTALL)
+TABLE = re.compile(r"(<!-- table: ([\w-]+) -->\n)(?:(?!<!-- ).*\n)*(<!-- end of table -->)")
 FIGURE = re.compile(r"\{([^{}]+):(\.\df)\}")
 
 
@@ -55,7 +55,7 @@ def filled(page: str, figures: Mapping[str, float], templates: Path = RESULTS / 
 
     def table(found: re.Match[str]) -> str:
         template = (templates / f"{found[2]}.txt").read_text(encoding="utf-8").strip()
-        return f"{found[1]}\n{table_from(template, figures)}\n{found[3]}"
+        return f"{found[1]}\n{table_from(template, figures)}\n\n{found[3]}"
 
     return TABLE.sub(table, page)
 
