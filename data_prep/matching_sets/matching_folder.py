@@ -199,16 +199,27 @@ def read_vts(path: Path, mesh: Mesh) -> np.ndarray:
 
 
 def write_matching_folder(
-    folder: Path, meshes: Sequence[Mesh], template_to_shape: Sequence[np.ndarray]
+    folder: Path,
+    meshes: Sequence[Mesh],
+    correspondences: Sequence[np.ndarray] = (),
+    onto_the_first: bool = False,
 ) -> None:
-    """Write `off/<case>.off` and `corres/<case>.vts`. The correspondences given count from 0."""
-    for mesh, vertices in zip(meshes, template_to_shape, strict=True):
+    """Write `off/<case>.off` and `corres/<case>.vts`, or `<case>_ref.vts` as TOPKIDS has them.
+
+    Args:
+        correspondences: per mesh, counting from 0, the vertex of it for each vertex of the set's
+            template, or `onto_the_first`, for each vertex of it the vertex of the first shape.
+            None at all: the meshes alone, as the first shape of TOPKIDS.
+    """
+    for number, mesh in enumerate(meshes):
         lines = ["OFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
         lines += [" ".join(map(repr, row)) for row in mesh.vertices.tolist()]
         lines += [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
         write_text(folder / "off" / f"{mesh.case_id}.off", "\n".join(lines) + "\n")
-        numbers = "\n".join(str(vertex + 1) for vertex in np.asarray(vertices).tolist())
-        write_text(folder / "corres" / f"{mesh.case_id}.vts", numbers + "\n")
+        if correspondences:
+            name = f"{mesh.case_id}{'_ref' * onto_the_first}.vts"
+            numbers = (np.asarray(correspondences[number]) + 1).tolist()
+            write_text(folder / "corres" / name, "\n".join(map(str, numbers)) + "\n")
 
 
 def _numbers(path: Path) -> np.ndarray:

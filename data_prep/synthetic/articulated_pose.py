@@ -58,6 +58,9 @@ ARMS: tuple[tuple[Range, Range], ...] = (
     ((-68, -15), (-25, 80)),  # below
 )
 ARM_CHANCES = (0.3, 0.25, 0.45)
+# Of an arm whose hand may lie on the body, and of legs that may touch, for figures that merge.
+ARM_ON_BODY: tuple[Range, Range] = ((-88, -60), (-10, 90))
+_LEGS_TOGETHER = _both(LegRanges((-5, 15), (-16, -6), (-10, 10), (0, 15)))
 ELBOW: Range = (0, 105)
 ARM_TWIST: Range = (-60, 60)
 WRIST: Range = (-35, 35)
@@ -87,6 +90,18 @@ def draw_pose(stance: Stance, generator: np.random.Generator) -> Rotation:
         rotations |= _arm(generator, side, *ARMS[generator.choice(len(ARMS), p=ARM_CHANCES)])
     rotations["pelvis"] = _upright(rotations)
     return Rotation.concatenate([rotations[bone.name] for bone in BONES])
+
+
+def draw_touching_pose(generator: np.random.Generator) -> Rotation:
+    """A pose in which a hand often lies on the body, or the legs are together."""
+    together = generator.uniform() < 0.3
+    stance = _LEGS_TOGETHER if together else draw_stance(generator)
+    rotations = draw_pose(stance, generator)
+    for side in ("left", "right"):
+        if generator.uniform() < 0.6:
+            for name, turn in _arm(generator, side, *ARM_ON_BODY).items():
+                rotations[BONE_INDEX[name]] = turn
+    return rotations
 
 
 def _arm(

@@ -16,7 +16,7 @@ REPORTED_SEED = 200
 class ArticulatedSettings(Settings):
     """A set of posed figures: the shapes to train on first, then the ones to test on."""
 
-    family: Literal["near-isometric", "non-isometric"] = "near-isometric"
+    family: Literal["near-isometric", "non-isometric", "merged limbs"] = "near-isometric"
     seed: int = Field(REPORTED_SEED, ge=0)  # of bodies, poses and triangulations
     training_shapes: int = Field(40, ge=1)  # shapes
     test_shapes: int = Field(10, ge=2)  # shapes; half of them of a person never trained on

@@ -162,7 +162,7 @@ def matching(
         str | None,
         typer.Option(
             "--built-in",
-            help="articulated or articulated-shapes: figures made here.",
+            help="articulated, articulated-shapes or articulated-merged: figures made here.",
             show_default=False,
         ),
     ] = None,

@@ -12,6 +12,7 @@ from ssm_pipeline.data_prep.matching_sets.matching_folder import (
 )
 from ssm_pipeline.data_prep.matching_sets.matching_set import ShapesWithTruth
 from ssm_pipeline.data_prep.matching_sets.shape_choice import chosen_shapes
+from ssm_pipeline.data_prep.synthetic.articulated_settings import ArticulatedSettings
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.experiments.matching_benchmark_settings import MatchingBenchmarkSettings
 from ssm_pipeline.records import KnownPair, Mesh
@@ -40,8 +41,6 @@ def built_in_shapes(
     name: str, folder: Path, settings: MatchingBenchmarkSettings, terminal: Terminal
 ) -> BenchmarkShapes:
     """Articulated figures, written to `folder` in the literature's layout and read from there."""
-    from ssm_pipeline.data_prep.synthetic.articulated import articulated_figure
-
     figures = settings.built_in
     stated = {
         "generator_version": _GENERATOR_VERSION,
@@ -55,13 +54,30 @@ def built_in_shapes(
         count = figures.training_shapes + figures.test_shapes
         with terminal.steps("figures", count) as steps:
             for index in range(count):
-                figure = articulated_figure(figures, index)
-                write_matching_folder(folder, [figure.mesh], [figure.template_to_shape])
+                _write_figure(folder, figures, index)
                 steps.advance_to(index + 1)
         storage.write_json(marker, stated)
     shapes = read_matching_folder(folder)
     train, test = settings.train or _as_text(figures.training_range), settings.test
+    if figures.family == "merged limbs" and not test:  # all onto the first shape
+        test = ",".join(shapes.meshes[index].case_id for index in (0, *figures.test_range))
     return _chosen(name, shapes, folder, train, test or _as_text(figures.test_range), settings)
+
+
+def _write_figure(folder: Path, figures: ArticulatedSettings, index: int) -> None:
+    if figures.family == "merged limbs":
+        from ssm_pipeline.data_prep.synthetic import articulated_merged as merged
+
+        if index == 0:
+            write_matching_folder(folder, [merged.reference(figures.vertices)])
+        else:
+            figure = merged.merged_figure(figures, index)
+            write_matching_folder(folder, [figure.mesh], [figure.to_reference], onto_the_first=True)
+        return
+    from ssm_pipeline.data_prep.synthetic.articulated import articulated_figure
+
+    alone = articulated_figure(figures, index)
+    write_matching_folder(folder, [alone.mesh], [alone.template_to_shape])
 
 
 def _chosen(

@@ -19,7 +19,11 @@ from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes, read_yaml
 from ssm_pipeline.training.settings import TrainingSettings
 
-BUILT_IN = ("articulated", "articulated-shapes")  # each with a preset of its name
+BUILT_IN = (
+    "articulated",
+    "articulated-shapes",
+    "articulated-merged",
+)  # each with a preset of its name
 # Not the row that trains a network of its own, nor what is no match of posed shapes: given by
 # --methods.
 DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
@@ -57,7 +61,7 @@ def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> s
             f"give either --data FOLDER or --built-in {' or '.join(BUILT_IN)}, one of them."
         )
     if built_in is not None and built_in not in BUILT_IN:
-        raise StudyError(f"--built-in {built_in}: only {' and '.join(BUILT_IN)} are built in.")
+        raise StudyError(f"--built-in {built_in}: the built-in shapes are {', '.join(BUILT_IN)}.")
     return preset or built_in or "non-isometric"
 
 

@@ -206,7 +206,7 @@ def test_every_preset_is_read():
     folder = Path(__file__).parents[2] / "workflows" / "benchmarks"
     names = {path.stem for path in folder.glob("*.yaml")}
     literature = {"faust", "scape", "shrec19", "topkids", "smal", "dt4d-intra", "dt4d-inter"}
-    assert literature | {"articulated", "articulated-shapes"} <= names
+    assert literature | {"articulated", "articulated-shapes", "articulated-merged"} <= names
     for name in names:
         assert read_preset(name).training.steps >= 500
     assert read_preset("dt4d-inter").between == "between categories"
@@ -230,4 +230,6 @@ def test_what_can_not_be_done_is_refused(workflow: Workflow, lungs: Path, runs: 
         assert said.code == 1, options
         assert re.search(expected, said.stderr), said.stderr
     said = workflow("benchmark", "matching", "--built-in", "animals")
-    assert "only articulated and articulated-shapes are built in" in said.stderr
+    assert (
+        "the built-in shapes are articulated, articulated-shapes, articulated-merged" in said.stderr
+    )

@@ -1,0 +1,92 @@
+"""The start from a map: known answers."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+from shapes import basis_of, blob
+
+from ssm_pipeline.adaptation.map_start import map_start
+from ssm_pipeline.geometry.barycentric import interpolated
+from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.records import Mesh
+
+TURN = Rotation.from_rotvec([0.4, -1.1, 2.0])
+MU = 100.0
+
+
+@pytest.fixture(scope="module")
+def basis():
+    return basis_of(blob(1))
+
+
+@pytest.fixture(scope="module")
+def bar():
+    """Along x, six times as long as thick."""
+    return basis_of(bar_mesh(0.5), 5)
+
+
+def bar_mesh(pitch):
+    box = trimesh.creation.box((6.0, 1.0, 1.0)).subdivide_to_size(pitch)
+    return Mesh(box.vertices, box.faces, f"bar {pitch}")
+
+
+def bent(vertices, angle=1.5):
+    """An arc of the bar's own length: its axis keeps its length, sections stay plane."""
+    length = np.ptp(vertices[:, 0])
+    radius, turn = length / angle, vertices[:, 0] / length * angle
+    across = radius - vertices[:, 2]
+    return np.stack([across * np.sin(turn), vertices[:, 1], radius - across * np.cos(turn)], axis=1)
+
+
+def start_of(basis, targets, weight=MU):
+    return map_start(basis.vertices, targets, basis.laplacian, basis.mass, weight)
+
+
+def test_exact_on_a_rigid_motion(basis):
+    goal = TURN.apply(basis.vertices) + np.array([0.3, 0.1, -2.0])
+    np.testing.assert_allclose(start_of(basis, goal), goal, atol=1e-9)
+
+
+def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar):
+    goal = bent(bar.vertices)
+    off = [np.abs(start_of(bar, goal, weight) - goal).max() for weight in (30, 300, 1e7)]
+    assert off[2] < 1e-3 < off[1] < off[0] < 0.03  # of a bar 1 long: its skin must stretch
+
+
+def test_targets_that_are_wildly_wrong_lose_their_weight(bar):
+    goal = bent(bar.vertices)
+    exact = start_of(bar, goal)
+    generator = np.random.default_rng(0)
+    wild = generator.choice(len(goal), len(goal) // 5, replace=False)
+    wrong = goal.copy()
+    wrong[wild] = goal[generator.permutation(wild)] + 0.5 * generator.standard_normal(
+        (len(wild), 3)
+    )
+    off = np.linalg.norm(start_of(bar, wrong) - exact, axis=1)
+    assert off.mean() < 0.01
+    assert np.linalg.norm(wrong - goal, axis=1)[wild].mean() > 0.5
+
+
+def test_rotating_the_targets_rotates_the_start(basis):
+    noise = 0.03 * np.random.default_rng(1).standard_normal(basis.vertices.shape)
+    goal = basis.vertices * [1.1, 0.9, 1.0] + noise
+    rotated = start_of(basis, TURN.apply(goal))
+    np.testing.assert_allclose(rotated, TURN.apply(start_of(basis, goal)), atol=1e-9)
+
+
+def test_two_triangulations_of_one_shape_start_alike():
+    coarse, fine = basis_of(bar_mesh(0.5), 5), basis_of(bar_mesh(0.25), 5)
+    poses = [start_of(basis, bent(basis.vertices)) for basis in (coarse, fine)]
+    place = closest_points(fine.vertices, coarse.vertices, coarse.faces)
+    on_coarse = interpolated(poses[0], coarse.faces[place.faces], place.barycentric)
+    apart = np.linalg.norm(on_coarse - poses[1], axis=1).mean()
+    moved = np.linalg.norm(poses[1] - fine.vertices, axis=1).mean()
+    assert apart < 0.05 * moved
+
+
+def test_the_noise_of_a_map_is_smoothed(basis):
+    goal = TURN.apply(basis.vertices)
+    noise = 0.03 * np.random.default_rng(1).standard_normal(goal.shape)
+    off = np.linalg.norm(start_of(basis, goal + noise) - goal, axis=1).mean()
+    assert off < 0.5 * np.linalg.norm(noise, axis=1).mean()
