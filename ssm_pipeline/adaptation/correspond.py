@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.matching.settings import InferenceMap
-from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.methods import FULL, Method, base_methods, method_named
 from ssm_pipeline.records import Correspondence, SpectralBasis, StudyError
 
 if TYPE_CHECKING:
@@ -28,10 +28,9 @@ RIGID: Start = "rigid"
 AS_SCANNED: Start = "as scanned"
 MEAN = "mean"  # of a groupwise round
 Starts = dict[Start, tuple[np.ndarray, MapPull | None]]  # poses (V, 3), each with its pull if any
-# Methods that are a map of the features and no more; None: as the settings say.
+# Starts that are a map of the features instead of a pose. None: as the settings say.
 MAP_OF: dict[str, InferenceMap | None] = {
-    "without adaptation": None,
-    "spectral only": None,
+    "feature map": None,
     "projected features": "projected",
     "features": "features",
 }
@@ -42,7 +41,7 @@ def correspond(
     case: SpectralBasis,
     matcher: Matcher | None,
     settings: AdaptationSettings,
-    method: PairMethod = "full",
+    method: str = FULL,
     coarse: CoarsePair | None = None,
     seed: int = 0,
 ) -> Correspondence:
@@ -65,13 +64,13 @@ def correspond(
     coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
     Raises StudyError for any other method.
     """
-    refuse_unknown(method)
-    if method in WITHOUT_NETWORK:
-        if method == "as scanned":
+    how = pair_method(method)
+    if not how.uses_network:
+        if how.start == "as scanned":
             posed, start = template.vertices, AS_SCANNED
         else:
             posed, start = rigidly_aligned(template, case, seed), RIGID
-        if method != "nearest point":
+        if how.adapts:
             posed = posed + _adapted(posed, template, case, settings, seed).offsets
         return _carried_onto(case, template, posed, start)
     if matcher is None:
@@ -79,14 +78,14 @@ def correspond(
     # Here, so that what uses no network needs no PyTorch.
     from ssm_pipeline.adaptation.pose import carried_case, map_pull, pose_path
 
-    goal = carried_case(template, case, matcher, MAP_OF.get(method))
-    if method in MAP_OF:
+    goal = carried_case(template, case, matcher, MAP_OF.get(how.start))
+    if how.start in MAP_OF:
         return _carried_onto(case, template, goal, NETWORK)
     pose = pose_path(template, case, matcher, np.ones(1), coarse, goal)[0]
-    if method == "pose":
+    if not how.adapts:
         return _carried_onto(case, template, pose, NETWORK)
     starts: Starts = {NETWORK: (pose, map_pull(template, case, matcher, settings))}
-    if method == "full" and settings.starts == "both":
+    if how.start == "best" and settings.starts == "both":
         # Rigidly as the map says: it knows which way the template lies better than closest points
         # do, and a rigid start holds none of the map's noise.
         turn = best_similarity(template.vertices, goal, template.mass)
@@ -97,11 +96,12 @@ def correspond(
     return _carried_onto(case, template, *_kept_start(starts, template, case, settings, seed))
 
 
-def refuse_unknown(method: str) -> None:
-    """Raise StudyError for a method that is none of `correspond`."""
-    known = get_args(PairMethod)
-    if method not in known:
-        raise StudyError(f"there is no method {method!r}: {', '.join(known)}.")
+def pair_method(name: str) -> Method:
+    """The method of `correspond` that has this name. Raises StudyError if there is none."""
+    try:
+        return method_named(name, base_methods("pair"))
+    except ValueError as error:
+        raise StudyError(str(error)) from error
 
 
 def _kept_start(

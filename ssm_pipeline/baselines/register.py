@@ -9,13 +9,12 @@ import numpy as np
 from ssm_pipeline.adaptation.carried_onto import carried_onto
 from ssm_pipeline.baselines.common_start import rigid_start
 from ssm_pipeline.baselines.settings import RegistrationSettings
-from ssm_pipeline.methods import Registration
 from ssm_pipeline.records import Correspondence, Mesh
 
 PACKAGES = {"cpd": "rustcpd"}  # of the optional extra `rivals`
 
 
-def missing_package(registration: Registration) -> str | None:
+def missing_package(registration: str) -> str | None:
     """The package that this registration needs and that is not installed, if there is one.
 
     >>> missing_package("affine nearest") is None
@@ -30,7 +29,7 @@ def missing_package(registration: Registration) -> str | None:
 def register(
     template: Mesh,
     case: Mesh,
-    registration: Registration,
+    registration: str,
     settings: RegistrationSettings,
     start: np.ndarray | None = None,
     seed: int = 0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline import storage
 from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError, SurfaceLabels
-from ssm_pipeline.runs.context import Context
 from ssm_pipeline.runs.landmark_file import FARTHEST_SHARE, read_landmarks
 from ssm_pipeline.study.settings import StudySettings
 
@@ -59,14 +57,20 @@ class Anatomy:
         return tables
 
 
-def anatomy_of(context: Context, meshes: Sequence[Mesh]) -> Anatomy:
-    """What is known of the cases. Raises StudyError for landmarks that can't be used."""
-    settings = context.settings
+def known_anatomy(
+    settings: StudySettings, meshes: Sequence[Mesh], labels_of: Callable[[str], SurfaceLabels]
+) -> Anatomy:
+    """What is known of the cases.
+
+    Args:
+        labels_of: Case → the labels of its mesh, where the data has parts.
+
+    Raises:
+        StudyError: The landmarks can't be used.
+    """
     labels = {}
     if settings.evaluation.labels and settings.data.has_parts:
-        for case_id in context.case_keys:
-            path = context.case_file("meshing", case_id, "labels.npz")
-            labels[case_id] = storage.load(SurfaceLabels, path)
+        labels = {mesh.case_id: labels_of(mesh.case_id) for mesh in meshes}
     names: tuple[str, ...] = ()
     landmarks: dict[str, np.ndarray] = {}
     if settings.evaluation.landmarks is not None:
@@ -84,15 +88,20 @@ def means_of_methods(
 
     tables = {}
     for name, means in (("label", label_means), ("landmark", landmark_means)):
-        pairs = {
-            method: metrics.tables[f"{name}_pairs"]
-            for method, metrics in scores.items()
-            if f"{name}_pairs" in metrics.tables
-        }
+        pairs = pairs_of_methods(scores, name)
         if pairs:
             generator = np.random.default_rng(seed)
             tables[f"{name}s_mean"] = means(pairs, FULL, draws, generator, patients)
     return tables
+
+
+def pairs_of_methods(scores: Mapping[str, Metrics], name: str) -> dict[str, pd.DataFrame]:
+    """Method → its rows of single pairs, if any; name: "label" or "landmark"."""
+    return {
+        method: metrics.tables[f"{name}_pairs"]
+        for method, metrics in scores.items()
+        if f"{name}_pairs" in metrics.tables
+    }
 
 
 def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:

@@ -22,6 +22,7 @@ from ssm_pipeline.records import Dropped
 
 SHOWN_DROPPED = 20
 PLAIN_INTERVAL_S = 30.0  # where there is no terminal, a progress line this often
+INDENT = " " * 6  # of the lines below that of a stage, whose name follows "[3/8] "
 LOG_INTERVAL_S = 5.0  # for `workflow status`
 
 
@@ -50,7 +51,7 @@ class Steps:
             self.bar.update(self.task, completed=done, note=note)
         elif self.total > 1 and time.monotonic() - self.said >= PLAIN_INTERVAL_S:
             self.said = time.monotonic()
-            self.console.print(f"      {self.label} {done} of {self.total}   {note}".rstrip())
+            self.console.print(f"{INDENT}{self.label} {done} of {self.total}   {note}".rstrip())
 
 
 class Terminal:
@@ -67,6 +68,10 @@ class Terminal:
         self.console.print(line)
         if self._log is not None:
             self._log.say(line)
+
+    def detail(self, line: str) -> None:
+        """A line below that of its stage."""
+        self.say(INDENT + line)
 
     def log(self, kind: str, **what: Any) -> None:
         """An event for the run's log; nothing is shown."""
@@ -87,7 +92,7 @@ class Terminal:
             yield Steps(self.console, label, total, None, self.log)
             return
         columns = (
-            TextColumn("      {task.description}"),
+            TextColumn(INDENT + "{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
@@ -101,9 +106,9 @@ class Terminal:
     ) -> None:
         self.say(f"[{number}/{total}] {name:<15}{result}")
         for case in dropped[:SHOWN_DROPPED]:
-            self.say(f"      dropped {case.case_id}: {case.reason}")
+            self.detail(f"dropped {case.case_id}: {case.reason}")
         if len(dropped) > SHOWN_DROPPED:
-            self.say(f"      and {len(dropped) - SHOWN_DROPPED} more; stage.json names them all")
+            self.detail(f"and {len(dropped) - SHOWN_DROPPED} more; stage.json names them all")
 
 
 def duration(seconds: float) -> str:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ssm_pipeline.evaluation.comparison import PAPER_LUNA16, compare, modes_holding
 from ssm_pipeline.evaluation.paired import holm, over_cases
-from ssm_pipeline.methods import FULL, ONE_CASE_AT_A_TIME
+from ssm_pipeline.methods import FULL, learns
 from ssm_pipeline.records import Metrics
 
 GENERALISATION = ("generalisation", "generalisation_mean")
@@ -34,7 +34,7 @@ def joined(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
     }
     for name in GENERALISATION:
         # Without labels; and the shape model is always built without the case.
-        saw_case = ~tables[name]["method"].isin(ONE_CASE_AT_A_TIME)
+        saw_case = tables[name]["method"].map(learns)
         tables[name].insert(1, "matching_saw_case", saw_case)
     for name, means in (("correspondence", "fit"), ("truth", "truth_mean")):
         if name in tables:
@@ -111,7 +111,7 @@ def with_unseen(
     learned = unseen["unseen_generalisation"]
     modes = int(learned["modes"].max())
     own = tables["generalisation"]
-    others = own[own["method"].isin(ONE_CASE_AT_A_TIME)]
+    others = own[~own["method"].map(learns)]
     cases = pd.concat([learned, others[learned.columns]], ignore_index=True)
     if "patient" in own:
         whose = own.drop_duplicates("case_id").set_index("case_id")["patient"]

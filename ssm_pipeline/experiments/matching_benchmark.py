@@ -16,15 +16,13 @@ from ssm_pipeline.experiments.benchmark_files import BenchmarkFiles, key_of_mesh
 from ssm_pipeline.experiments.benchmark_shapes import BenchmarkShapes
 from ssm_pipeline.experiments.matching_benchmark_settings import MatchingBenchmarkSettings
 from ssm_pipeline.experiments.matching_cost import cost_in_words, seconds_a_pair, seconds_a_step
-from ssm_pipeline.methods import FULL, WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.methods import FULL, method_named
 from ssm_pipeline.records import Mesh, ShapePath, StudyError
 from ssm_pipeline.runs.resumable_training import TrainingJob, key_of_start, trained_matcher
 from ssm_pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:
     from ssm_pipeline.evaluation.matching_benchmark import MatchingBenchmark
-
-_SPECTRAL_ONLY: PairMethod = "spectral only"  # the row whose network is trained on its own
 
 
 def run_matching(
@@ -106,7 +104,7 @@ class _Predictor:
         shapes: BenchmarkShapes,
         files: BenchmarkFiles,
         settings: MatchingBenchmarkSettings,
-        method: PairMethod,
+        method: str,
         checkpoint: Path | None,
         device: str,
         terminal: Terminal,
@@ -115,11 +113,11 @@ class _Predictor:
 
         self.shapes, self.files, self.settings, self.method = shapes, files, settings, method
         self.matcher, rests_on = None, ""
-        if method not in WITHOUT_NETWORK:
+        if method_named(method).uses_network:
             path = matcher_path(shapes, files, settings, method, checkpoint)
             if path != checkpoint:
                 training = training_of(settings, method)
-                label = "training" + " on the spectral loss alone" * (method == _SPECTRAL_ONLY)
+                label = "training" + " on the spectral loss alone" * _has_own_network(method)
                 key = path.stem.removeprefix("matcher-")
                 trained_matcher(
                     lambda: [
@@ -168,19 +166,24 @@ class _Predictor:
         return match.nearest_vertex
 
 
-def training_of(settings: MatchingBenchmarkSettings, method: PairMethod) -> TrainingSettings:
-    return settings.training.spectral_only() if method == _SPECTRAL_ONLY else settings.training
+def _has_own_network(method: str) -> bool:
+    """Whether a network is trained for this method alone, on the spectral loss."""
+    return method_named(method).network == "spectral loss"
+
+
+def training_of(settings: MatchingBenchmarkSettings, method: str) -> TrainingSettings:
+    return settings.training.spectral_only() if _has_own_network(method) else settings.training
 
 
 def matcher_path(
     shapes: BenchmarkShapes,
     files: BenchmarkFiles,
     settings: MatchingBenchmarkSettings,
-    method: PairMethod,
+    method: str,
     checkpoint: Path | None,
 ) -> Path:
     """Where a method's matcher lies, or will lie once trained."""
-    if checkpoint is not None and method != _SPECTRAL_ONLY:
+    if checkpoint is not None and not _has_own_network(method):
         return checkpoint
     meshes = [key_of_mesh(shapes.meshes[index]) for index in shapes.train]
     training = training_of(settings, method)
@@ -198,7 +201,7 @@ def _say_cost(
     terminal: Terminal,
 ) -> None:
     """Nothing where all matchers are trained: what is left is a matter of pairs."""
-    networks = [method for method in settings.methods if method not in WITHOUT_NETWORK]
+    networks = [method for method in settings.methods if method_named(method).uses_network]
     paths = {matcher_path(shapes, files, settings, method, checkpoint) for method in networks}
     missing = [path for path in paths if not path.exists()]
     if checkpoint in missing:

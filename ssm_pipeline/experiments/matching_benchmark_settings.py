@@ -6,13 +6,13 @@ import functools
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.data_prep.synthetic.articulated_settings import ArticulatedSettings
-from ssm_pipeline.methods import PairMethod
+from ssm_pipeline.methods import METHODS, base_methods, method_named
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.spectral.settings import SpectralSettings
@@ -24,12 +24,16 @@ BUILT_IN = (
     "articulated-shapes",
     "articulated-merged",
 )  # each with a preset of its name
-# Not the row that trains a network of its own, nor what is no match of posed shapes: given by
-# --methods.
-DEFAULT_METHODS: tuple[PairMethod, ...] = tuple(
-    method
-    for method in get_args(PairMethod)
-    if method not in ("spectral only", "as scanned", "nearest point")
+PairMethod = Annotated[
+    str, AfterValidator(lambda name: method_named(name, base_methods("pair")).id)
+]
+# Methods that read the study's network, and what adaptation reaches without one. The others train
+# a network of their own or assume shapes in one pose; --methods adds them.
+DEFAULT_METHODS: tuple[str, ...] = tuple(
+    method.id
+    for method in METHODS
+    if method.id in base_methods("pair")
+    and (method.network == "study" or method.id == "adaptation only")
 )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ssm_pipeline.engine.terminal import duration
-from ssm_pipeline.methods import WITHOUT_NETWORK, PairMethod
+from ssm_pipeline.methods import method_named
 from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.training.settings import TrainingSettings
 
@@ -49,7 +49,7 @@ def seconds_a_pair(
     y: SpectralBasis,
     matcher: Matcher,
     settings: AdaptationSettings,
-    methods: Sequence[PairMethod],
+    methods: Sequence[str],
 ) -> dict[str, float]:
     """One match by each method; how well the matcher is trained makes no difference to it."""
     from ssm_pipeline.adaptation.correspond import correspond
@@ -57,7 +57,8 @@ def seconds_a_pair(
     taken: dict[str, float] = {}
     for method in methods:
         start = time.perf_counter()
-        correspond(y, x, None if method in WITHOUT_NETWORK else matcher, settings, method)
+        needed = matcher if method_named(method).uses_network else None
+        correspond(y, x, needed, settings, method)
         taken[method] = time.perf_counter() - start
     return taken
 

@@ -15,7 +15,7 @@ from ssm_pipeline.adaptation.rigid_start import rank_templates_by_distance
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.engine.process import chosen_device
 from ssm_pipeline.meshing.decimation import decimate
-from ssm_pipeline.methods import PairMethod
+from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import (
     CorrespondedShapes,
     Correspondence,
@@ -24,8 +24,7 @@ from ssm_pipeline.records import (
     StudyError,
     refuse_doubled,
 )
-from ssm_pipeline.shape_model.collected_points import collect
-from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
+from ssm_pipeline.shape_model.cohort_matching import matched_cohort
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings
@@ -83,7 +82,7 @@ def correspond(
     template: MeshOrBasis,
     case: MeshOrBasis,
     matcher: Matcher | None,
-    method: PairMethod = "full",
+    method: str = FULL,
     settings: AdaptationSettings | None = None,
     seed: int = 0,
 ) -> Correspondence:
@@ -126,7 +125,7 @@ def match_cohort(
     matcher: Matcher | None,
     template: str | None = None,
     rounds: int | None = None,
-    method: PairMethod = "full",
+    method: str = FULL,
     settings: AdaptationSettings | None = None,
     seed: int = 0,
 ) -> CorrespondedShapes:
@@ -153,7 +152,7 @@ def match_cohort(
     >>> shapes.vertices.shape, shapes.template_id
     ((3, 642, 3), 'case_0')
     """
-    one_pair.refuse_unknown(method)
+    one_pair.pair_method(method)
     refuse_doubled([mesh.case_id for mesh in meshes])
     settings = settings or AdaptationSettings()
     groupwise = GroupwiseSettings() if rounds is None else GroupwiseSettings(rounds=rounds)
@@ -168,27 +167,18 @@ def match_cohort(
     if template is None:
         template = _most_like_the_others(matcher, coarse or bases, seed)
     chosen = by_id[template]
-    matches = [
-        one_pair.correspond(
-            bases[chosen],
-            basis,
-            matcher,
-            settings,
-            method,
-            (coarse[chosen], coarse[index]) if coarse else None,
-            seed,
-        )
-        for index, basis in enumerate(bases)
-    ]
 
-    def match_means(number: int, starts: Mapping[str, np.ndarray]) -> list[Correspondence]:
-        return [
-            one_pair.correspond_again(starts[basis.case_id], bases[chosen], basis, settings, seed)
-            for basis in bases
-        ]
+    def match(number: int, starts: Mapping[str, np.ndarray | None]) -> list[Correspondence]:
+        return [match_case(by_id[case_id], start) for case_id, start in starts.items()]
 
-    shapes = collect(meshes[chosen], matches, meshes)
-    return groupwise_rounds(shapes, meshes, groupwise, match_means)
+    def match_case(case: int, start: np.ndarray | None) -> Correspondence:
+        pair = bases[chosen], bases[case]
+        if start is not None:
+            return one_pair.correspond_again(start, *pair, settings, seed)
+        dense_as_trained = (coarse[chosen], coarse[case]) if coarse else None
+        return one_pair.correspond(*pair, matcher, settings, method, dense_as_trained, seed)
+
+    return matched_cohort(meshes[chosen], meshes, match, groupwise).shapes
 
 
 def _most_like_the_others(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from ssm_pipeline.methods import FULL, TRUTH, WITHOUT_NETWORK
+from ssm_pipeline.methods import FULL, find_method
 from ssm_pipeline.report.rounding import FINE, round_up
 from ssm_pipeline.report.tables import p_text, text
 
@@ -98,6 +98,12 @@ class MethodRow:
     uses_network: bool | None
     saw_case: bool | None
     cells: tuple[tuple[str, Difference | None], ...]
+
+    @property
+    def label(self) -> str:
+        """What the method does; empty for a name that is not in `methods.METHODS`."""
+        method = find_method(self.method)
+        return "" if method is None else method.label
 
 
 @dataclass(frozen=True)
@@ -217,8 +223,8 @@ def method_traits(
 ) -> dict[str, tuple[bool | None, bool | None]]:
     """Method → (uses a network, has seen the case it is scored on); None where not known.
 
-    A column of the tables decides; without one, the network is known from the method's name, and
-    from whether the study has one for its own rows (S3M brings another).
+    A column of the tables decides. Without one, `methods.METHODS` says whether the method uses a
+    network, and `has_network` whether the study has one. S3M has its own.
     """
     traits: dict[str, tuple[bool | None, bool | None]] = {}
     for table in metrics.values():
@@ -226,11 +232,18 @@ def method_traits(
             continue
         for method, rows in table.groupby("method", sort=False):
             network, saw = traits.get(str(method), (None, None))
-            of_ours = has_network and str(method) not in WITHOUT_NETWORK
-            named = None if method == TRUTH else of_ours or str(method).startswith("S3M")
-            network = _flag(rows, "uses_network", named if network is None else network)
+            if network is None:
+                network = _network_by_name(str(method), has_network)
+            network = _flag(rows, "uses_network", network)
             traits[str(method)] = network, _flag(rows, "matching_saw_case", saw)
     return traits
+
+
+def _network_by_name(name: str, has_network: bool) -> bool | None:
+    method = find_method(name)
+    if method is None or method.kind == "truth":
+        return None
+    return method.network == "own" or (has_network and method.uses_network)
 
 
 def _flag(rows: pd.DataFrame, column: str, otherwise: bool | None) -> bool | None:

@@ -10,7 +10,6 @@ from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.study.settings import StudySettings
 
 Context = StageContext[StudySettings]
-SCORES = 2  # version of a method's scores: raised where what they hold or mean has changed
 
 
 def patients_of(context: Context, case_ids: Sequence[str]) -> dict[str, str]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,16 +102,41 @@ def trained_matcher(load_bases: Callable[[], Sequence[SpectralBasis]], job: Trai
     return job.matcher
 
 
+@dataclass(frozen=True)
+class TrainingWork:
+    """What a stage needs in order to train on some of its cases and keep the result.
+
+    Attributes:
+        load_bases: Cases → the bases that are trained on.
+        basis_keys: Case → the key of its basis.
+    """
+
+    load_bases: Callable[[Sequence[str]], list[SpectralBasis]]
+    basis_keys: Mapping[str, str]
+    seed: int
+    device: str
+    terminal: Terminal
+
+    @staticmethod
+    def of(context: Context) -> TrainingWork:
+        return TrainingWork(
+            partial(training_bases, context),
+            context.done["spectral"].case_keys,
+            context.seed,
+            context.device,
+            context.terminal,
+        )
+
+
 def matcher_of_cases(
-    context: Context,
+    work: TrainingWork,
     case_ids: Sequence[str],
     settings: TrainingSettings,
     folder: Path,
     label: str,
 ) -> Path:
     """`trained_matcher` of these cases of a run, and of nothing else."""
-    spectral_keys = context.done["spectral"].case_keys
-    rests_on = {case_id: spectral_keys[case_id] for case_id in case_ids}
-    key = key_of(rests_on, settings, key_of_start(settings), context.seed)
-    job = TrainingJob(settings, context.seed, context.device, folder, key, label, context.terminal)
-    return trained_matcher(lambda: training_bases(context, case_ids), job)
+    depends_on = {case_id: work.basis_keys[case_id] for case_id in case_ids}
+    key = key_of(depends_on, settings, key_of_start(settings), work.seed)
+    job = TrainingJob(settings, work.seed, work.device, folder, key, label, work.terminal)
+    return trained_matcher(lambda: work.load_bases(case_ids), job)

@@ -32,12 +32,24 @@ def groupwise_rounds(
     mean_of  the cases that the means are made of; None: all.
     """
     for number in range(1, settings.rounds + 1):
-        matches = match(number, placed_means(shapes, mean_of, settings.laid_on))
-        vertices = np.array(shapes.vertices)
-        for found, mesh in zip(matches, meshes, strict=True):
-            vertices[shapes.case_ids.index(found.case_id)] = found.points_on(mesh)
-        shapes = dataclasses.replace(shapes, vertices=vertices)
+        shapes, _ = groupwise_round(number, shapes, meshes, settings, match, mean_of)
     return shapes
+
+
+def groupwise_round(
+    number: int,
+    shapes: CorrespondedShapes,
+    meshes: Sequence[Mesh],
+    settings: GroupwiseSettings,
+    match: MatchStarts,
+    mean_of: Collection[str] | None = None,
+) -> tuple[CorrespondedShapes, Sequence[Correspondence]]:
+    """One of the `groupwise_rounds`: the shapes after it, and the matches that it made."""
+    matches = match(number, placed_means(shapes, mean_of, settings.laid_on))
+    vertices = np.array(shapes.vertices)
+    for found, mesh in zip(matches, meshes, strict=True):
+        vertices[shapes.case_ids.index(found.case_id)] = found.points_on(mesh)
+    return dataclasses.replace(shapes, vertices=vertices), matches
 
 
 def placed_means(

@@ -11,10 +11,10 @@ from pathlib import Path
 from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.methods import PairMethod
+from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.context import Context
-from ssm_pipeline.runs.pair_matching import Pair, match_pair, walk_pair
+from ssm_pipeline.runs.pair_matching import Pair, PairWork, write_match, write_path
 
 PATHS = "paths"  # folder of the few cases that are interpolated
 
@@ -26,12 +26,13 @@ def match_cases(context: Context) -> Outcome:
     trained, own = context.done["training"].key, context.case_keys[template_id]
     rests_on = [trained, own, settings, context.seed]
     matcher, method = _matcher_and_method(context)
+    pairs = PairWork.of(context)
 
     def task(case_id: str, work: Callable[[Pair, Path], Row], also: object = None) -> CaseTask:
-        pair = Pair.of(context, template_id, case_id, matcher, method)
+        pair = pairs.pair(template_id, case_id, matcher, method)
         return CaseTask(case_id, context.case_key(case_id, rests_on, also), partial(work, pair))
 
-    results = context.map_cases([task(case_id, match_pair) for case_id in context.case_keys])
+    results = context.map_cases([task(case_id, write_match) for case_id in context.case_keys])
     others = [r.case_id for r in results if r.dropped is None and r.case_id != template_id]
     count = min(context.settings.report.paths, len(others))
     chosen = {others[index * len(others) // count] for index in range(count)}
@@ -40,7 +41,7 @@ def match_cases(context: Context) -> Outcome:
     for place in places.glob("*"):
         if place.name not in chosen:  # of other settings
             shutil.rmtree(place)
-    walked = [task(case_id, walk_pair, starts[case_id]) for case_id in sorted(chosen)]
+    walked = [task(case_id, write_path, starts[case_id]) for case_id in sorted(chosen)]
     context.map_cases(walked, folder=places)
     storage.write_json(context.folder() / "template.json", {"template_id": template_id})
     note = f"template {template_id}"
@@ -50,10 +51,10 @@ def match_cases(context: Context) -> Outcome:
     return context.outcome(results, note=note)
 
 
-def _matcher_and_method(context: Context) -> tuple[Path | None, PairMethod]:
+def _matcher_and_method(context: Context) -> tuple[Path | None, str]:
     if context.settings.matching == "none":
         return None, "adaptation only"
-    return context.folder("training") / "matcher.pt", "full"
+    return context.folder("training") / "matcher.pt", FULL
 
 
 def _template(context: Context) -> str:

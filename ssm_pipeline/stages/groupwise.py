@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.runs.context import Context
-from ssm_pipeline.runs.mean_rounds import after_rounds
-from ssm_pipeline.runs.pair_matching import matched_once
+from ssm_pipeline.runs.pair_matching import PairWork, match_mean, matches_in
 from ssm_pipeline.runs.run import Run
 
 
-def match_mean(context: Context) -> Outcome:
+def match_means(context: Context) -> Outcome:
     """round-<r>/<case>/correspondence.npz, mean shape → case; shapes.npz, the cohort as matched."""
-    run = Run(context.run_folder)
+    from ssm_pipeline.shape_model.collected_points import collect
+    from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
+
+    run, settings = Run(context.run_folder), context.settings.groupwise
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
-    shapes = matched_once(context, run.mesh(run.template_id), meshes)
-    shapes = after_rounds(context, shapes, meshes, context.folder())
+    matches = matches_in(context.folder("correspondence"), context.case_keys)
+    shapes = collect(run.mesh(run.template_id), matches, meshes)
+    match = partial(match_mean, PairWork.of(context), run.template_id, context.folder())
+    shapes = groupwise_rounds(shapes, meshes, settings, match)
     storage.save(shapes, context.folder() / "shapes.npz")
-    return Outcome(context.case_keys, note=f"{context.settings.groupwise.rounds} rounds")
+    return Outcome(context.case_keys, note=f"{settings.rounds} rounds")

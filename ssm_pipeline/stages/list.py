@@ -8,7 +8,7 @@ from ssm_pipeline.stages.cohort_check import check_meshes
 from ssm_pipeline.stages.correspondence import match_cases
 from ssm_pipeline.stages.data import list_cases
 from ssm_pipeline.stages.evaluation import evaluate_methods
-from ssm_pipeline.stages.groupwise import match_mean
+from ssm_pipeline.stages.groupwise import match_means
 from ssm_pipeline.stages.meshing import make_meshes, what_meshes_rest_on
 from ssm_pipeline.stages.report import what_the_report_rests_on, write_report
 from ssm_pipeline.stages.shape_model import build_model
@@ -53,7 +53,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     ),
     Stage(
         "groupwise",
-        match_mean,
+        match_means,
         lambda s: {"groupwise": s.groupwise, "adaptation": s.adaptation, "seed": s.seed},
         needs=("spectral", "correspondence"),
         version=2,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.baselines.settings import RegistrationSettings
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.meshing.settings import MeshingSettings
-from ssm_pipeline.methods import Method
+from ssm_pipeline.methods import comparable_methods, method_named
 from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.settings import Settings
 from ssm_pipeline.shape_model.settings import GroupwiseSettings, ShapeModelSettings
@@ -20,11 +20,18 @@ from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.study.sources import DataSettings, PhantomData
 from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 
+ComparedMethod = Annotated[
+    str, AfterValidator(lambda name: method_named(name, comparable_methods()).id)
+]
+
 
 class ComparisonSettings(Settings):
-    """Methods scored on the same meshes with the same settings, beside the full one."""
+    """The methods that are scored beside the full one, on the same meshes, with the same settings.
 
-    methods: tuple[Method, ...] = (
+    Every method of `ssm_pipeline.methods` can be listed.
+    """
+
+    methods: tuple[ComparedMethod, ...] = (
         "without groupwise",
         "network start",
         "without adaptation",
@@ -32,10 +39,10 @@ class ComparisonSettings(Settings):
         "nearest point",
         "S3M",
         "S3M tuned",
-    )  # the quick rows and the baseline; `workflow benchmark results` takes every one
+    )  # the quick methods and the baseline; `workflow benchmark results` compares all of them
     registration: RegistrationSettings = RegistrationSettings()
     s3m: S3MSettings = S3MSettings()
-    retrain: bool = False  # also with all that is learned learned anew without each fold
+    retrain: bool = False  # also train everything that is learned again without each fold
 
 
 class StudySettings(Settings):

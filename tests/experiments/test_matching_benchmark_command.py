@@ -223,7 +223,7 @@ def test_what_can_not_be_done_is_refused(workflow: Workflow, lungs: Path, runs: 
         (("--test", "0:1"), r"no pair of test shapes"),
         (("--checkpoint", "x.pt"), r"--checkpoint x.pt: there is no such file"),
         (("--preset", "isometric"), r"no preset isometric; known: .*near-isometric, non-isometric"),
-        (("--methods", "S3M"), r"methods.0: Input should be 'full'"),
+        (("--methods", "S3M"), r"methods.0: there is no method 'S3M': full, network start"),
         (("--built-in", "articulated"), r"give either --data FOLDER or --built-in"),
     ):
         said = workflow(*words(lungs, runs), *options)

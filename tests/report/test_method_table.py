@@ -89,7 +89,7 @@ def test_traits_come_from_the_tables_and_else_from_the_names():
     assert method_traits({"generalisation": scores, **comparison()}) == {
         "full": (True, True),
         "adaptation only": (False, False),
-        "bcpd": (True, None),
+        "bcpd": (None, None),  # a name that is not ours
         "S3M": (True, None),
     }
     without = method_traits(comparison(), has_network=False)
