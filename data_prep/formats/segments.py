@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import SimpleITK as sitk
 
 from ssm_pipeline.data_prep.formats.dicom_seg import is_dicom_seg, read_dicom_segments
-from ssm_pipeline.data_prep.formats.image_files import check_voxels, image_suffix, is_image
-from ssm_pipeline.data_prep.formats.images import read_image
+from ssm_pipeline.data_prep.formats.image_files import image_suffix, is_image
 from ssm_pipeline.data_prep.formats.label_images import LabelImage
 from ssm_pipeline.data_prep.formats.organ_masks import organ_mask, select_labels
+from ssm_pipeline.data_prep.formats.slicer_segments import Segments, read_slicer_segments
 from ssm_pipeline.records import CaseError, Mask
-
-Segments = list[tuple[str, LabelImage, int]]  # name, an image, and the segment's value in it
 
 
 def is_segmentation(path: Path) -> bool:
@@ -54,6 +50,7 @@ def read_segments(
         segments = read_slicer_segments(path, case_id)
         threshold = None  # a segment is a label there, never a share
     chosen = [_match(name, segments, path, case_id) for name in names]
+    _refuse_equal_segments(names, chosen, segments, threshold, path, case_id)
     masks = [
         select_labels(image, (value,), name, threshold=threshold)
         for name, (image, value) in zip(names, chosen, strict=True)
@@ -67,52 +64,30 @@ def read_segments(
     return replace(whole, labels=parts)
 
 
-def read_slicer_segments(path: Path, case_id: str) -> Segments:
-    """The segments of a NRRD file as 3D Slicer writes it: `Segment<i>_Name`, layer and value.
+def _refuse_equal_segments(
+    names: tuple[str, ...],
+    chosen: list[tuple[LabelImage, int]],
+    segments: Segments,
+    threshold: float | None,
+    path: Path,
+    case_id: str,
+) -> None:
+    """Raise CaseError if a chosen segment has exactly the voxels of another one."""
 
-    Raises CaseError for a damaged file, or one that names no segment.
-    """
-    image = read_image(path, case_id)
-    if image.GetDimension() != 3:
-        raise CaseError(
-            case_id,
-            f"{path.name} has {image.GetDimension()} dimensions; a 3D segmentation is needed.",
-        )
-    array = sitk.GetArrayFromImage(image)
-    check_voxels(path, case_id, array)
-    if array.ndim == 3:  # one layer: segments that don't overlap
-        array = array[..., None]
-    segments: Segments = []
-    for key in sorted(image.GetMetaDataKeys()):
-        if not re.fullmatch("Segment[0-9]+_Name", key):
-            continue
-        prefix = key.removesuffix("Name")
-        layer, value = _number(image, prefix + "Layer", 0), _number(image, prefix + "LabelValue", 1)
-        if not 0 <= layer < array.shape[-1]:
-            raise CaseError(
-                case_id, f"{path.name} puts {key} in layer {layer} of {array.shape[-1]}."
-            )
-        labels = LabelImage(
-            array[..., layer],
-            np.array(image.GetSpacing()),
-            np.array(image.GetOrigin()),
-            np.array(image.GetDirection()).reshape(3, 3),
-            case_id,
-        )
-        name = image.GetMetaData(key).encode(errors="replace").decode()  # may be no UTF-8
-        segments.append((name.strip(), labels, value))
-    if not segments:
-        raise CaseError(
-            case_id,
-            f"{path.name} names no segments; 3D Slicer's .seg.nrrd does. Select by data.labels, "
-            "or save it as a segmentation.",
-        )
-    return segments
+    def voxels_of(image: LabelImage, value: int) -> np.ndarray:
+        return image.labels == value if threshold is None else image.labels > threshold
 
-
-def _number(image: sitk.Image, key: str, least: int) -> int:
-    text = image.GetMetaData(key).strip() if image.HasMetaDataKey(key) else ""
-    return int(text) if text.isdigit() else least
+    for name, (image, value) in zip(names, chosen, strict=True):
+        voxels = voxels_of(image, value)
+        for other, other_image, other_value in segments:
+            if other_image is image and other_value == value:
+                continue
+            if voxels.any() and np.array_equal(voxels, voxels_of(other_image, other_value)):
+                raise CaseError(
+                    case_id,
+                    f"{path.name}: the segments {name} and {other} have the same voxels, so that "
+                    "one of them is wrong or a copy. Correct it, or delete one of them.",
+                )
 
 
 def _match(name: str, segments: Segments, path: Path, case_id: str) -> tuple[LabelImage, int]:

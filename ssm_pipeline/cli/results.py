@@ -142,7 +142,7 @@ def transfer(
 
 @app.command(name="import")
 def import_(
-    model: Annotated[Path, typer.Argument(help="A Statismo .h5, or an .npz of ours.")],
+    model: Annotated[Path, typer.Argument(help="A Statismo .h5 or .h5.json, or our .npz.")],
     name: Annotated[
         str | None, typer.Option(help="Of the run; the file's.", show_default=False)
     ] = None,
@@ -150,9 +150,13 @@ def import_(
         list[int] | None,
         typer.Option("--label", help="The organ's in masks to be fitted.", show_default=False),
     ] = None,
+    unit: Annotated[
+        Literal["um", "mm", "cm", "m"] | None,
+        typer.Option(help="Of the model's lengths; mm.", show_default=False),
+    ] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Another program's model as a run that view, fit and export accept."""
     from ssm_pipeline.commands.import_model import import_model
 
-    typer.echo(str(import_model(model, name, runs, tuple(label or ()))))
+    typer.echo(str(import_model(model, name, runs, tuple(label or ()), unit)))

@@ -10,6 +10,13 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.data_prep.formats.organ_size import (
+    MM_OF,
+    NAMES,
+    Unit,
+    diagonal_of,
+    likely_unit,
+)
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.left_files import files_of_stage
 from ssm_pipeline.engine.ownership import OWNER_FILE
@@ -25,24 +32,39 @@ from ssm_pipeline.shape_model.model import ShapeModel, load_model
 from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.study.settings import StudySettings
 
-READERS = {".h5": read_statismo, ".npz": load_model}
+READERS = {".h5": read_statismo, ".h5.json": read_statismo, ".npz": load_model}
 FEWEST_FACES = 1000  # of a patient's surface: a model of few vertices is fitted to more
 IMPORTED = "imported"
 MEAN = "mean"  # stands in for the cases where the file holds none
 
 
-def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ...]) -> Path:
-    """Write the run folder `runs/<name>` of a model, and its report. Returns the folder.
+def import_model(
+    path: Path,
+    name: str | None,
+    runs: Path,
+    labels: tuple[int, ...],
+    unit: Unit | None = None,
+) -> Path:
+    """Write the run folder `runs/<name>` of a model, and its report.
 
     The cases are those of the file's scores, as the model makes them; without scores, the mean
-    alone. labels: of the organ in masks that `workflow fit` will be given.
-    Raises StudyError for a file that is no model, and for a folder that is in use.
+    alone.
+
+    Args:
+        labels: Of the organ in masks that `workflow fit` will be given.
+        unit: Of the model's lengths. None: millimetres, if its size could be an organ's.
+
+    Returns:
+        The folder.
+
+    Raises:
+        StudyError: the file is no model, its size is no organ's, or the folder is in use.
     """
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    suffix = next((suffix for suffix in READERS if path.name.lower().endswith(suffix)), None)
+    if suffix is None:
         raise StudyError(f"{path} is neither {' nor '.join(READERS)}; a model is one of these.")
-    model = _checked(reader(path))
-    folder = runs / (name or path.stem)
+    model = _checked(_in_mm(READERS[suffix](path), unit, path))
+    folder = runs / (name or path.name[: -len(suffix)])
     if folder.exists() and any(folder.iterdir()):
         raise StudyError(f"{folder} is in use. Choose another name with --name.")
     if not model.case_ids:
@@ -64,6 +86,23 @@ def import_model(path: Path, name: str | None, runs: Path, labels: tuple[int, ..
     _write_run(model, settings, folder)
     renew_report(Run(folder), settings.report)
     return folder
+
+
+def _in_mm(model: ShapeModel, unit: Unit | None, path: Path) -> ShapeModel:
+    diagonal = diagonal_of(model.mean)
+    if diagonal == 0:
+        raise StudyError(f"{path}: all points of the mean are one point. Save the model again.")
+    if unit is not None:
+        scale = MM_OF[unit]
+        return dataclasses.replace(
+            model, mean=scale * model.mean, variances=scale**2 * model.variances
+        )
+    if (likely := likely_unit(diagonal)) is not None:
+        raise StudyError(
+            f"{path}: its mean is {diagonal:.3g} across, which is no organ's size in millimetres. "
+            f"Is it in {NAMES[likely]}? Pass --unit {likely}, or --unit mm if it is right as it is."
+        )
+    return model
 
 
 def _checked(model: ShapeModel) -> ShapeModel:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -48,13 +50,125 @@ def test_a_file_written_by_hand_is_read(tmp_path: Path):
     assert model.case_ids == ()
 
 
-def test_a_basis_that_is_not_orthonormal_keeps_its_covariance(tmp_path: Path):
-    skew = (BASIS @ [[2.0, 1.0], [0.0, 1.5]]).astype(np.float32)
-    model = read_statismo(written(tmp_path / "skew.h5", model__pcaBasis=skew))
+def test_a_basis_whose_columns_are_not_orthogonal_keeps_its_covariance(tmp_path: Path):
+    skew = BASIS @ [[1.0, 0.6], [0.0, 0.8]]  # columns of length 1
+    model = read_statismo(written(tmp_path / "skew.h5", model__pcaBasis=skew.astype(np.float32)))
     flat = model.modes.reshape(2, -1)
     np.testing.assert_allclose(flat @ flat.T, np.eye(2), atol=1e-6)
     expected = skew @ np.diag([9.0, 4.0]) @ skew.T
     np.testing.assert_allclose(flat.T * model.variances @ flat, expected, atol=1e-4)
+
+
+NO_VERSION: dict[str, object] = {"version__majorVersion": None, "version__minorVersion": None}
+SCALED = (BASIS * [3.0, 2.0]).astype(np.float32)  # by standard deviations, as version 0.8 does
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"version__minorVersion": np.int32(8), "model__pcaBasis": SCALED},
+        {"version__majorVersion": np.int32(1), "version__minorVersion": np.int32(0)},
+        NO_VERSION,
+        {**NO_VERSION, "model__pcaBasis": SCALED},
+    ],
+)
+def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, changes):
+    model = read_statismo(written(tmp_path / "a.h5", **changes))
+    np.testing.assert_allclose(model.variances, [9, 4], rtol=1e-6)
+    np.testing.assert_allclose(model.modes.reshape(2, -1).T, BASIS, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model__pcaBasis": SCALED}, r"version 0\.9 .* lengths of 2 to 3\. In .*\(2 to 3\)"),
+        ({"version__minorVersion": np.int32(8)}, r"version 0\.8 .* lengths of 1 to 1"),
+        ({**NO_VERSION, "model__pcaBasis": 2 * SCALED}, "states no version"),
+    ],
+)
+def test_version_and_lengths_that_contradict_each_other_are_refused(tmp_path, changes, message):
+    with pytest.raises(StudyError, match=message):
+        read_statismo(written(tmp_path / "a.h5", **changes))
+
+
+def test_a_version_is_known_by_the_representer_of_its_time(tmp_path: Path):
+    path = written(tmp_path / "a.h5", **NO_VERSION)
+    with h5py.File(path, "a") as file:
+        file["representer"].attrs["name"] = np.bytes_("vtkPolyDataRepresenter")
+    with pytest.raises(StudyError, match=r"version 0\.8 .* lengths of 1 to 1"):
+        read_statismo(path)
+
+
+def in_groups(path: Path, *names: str, kind: str = "POLYGON_MESH") -> Path:
+    """The model of `written` in groups of one file, as a catalogue has them."""
+    with h5py.File(written(path.with_suffix(".one")), "r") as one, h5py.File(path, "w") as file:
+        one.copy("version", file)
+        for name in names:
+            one.copy("model", file.require_group(name))
+            one.copy("representer", file[name])
+            file[name]["representer"].attrs["datasetType"] = np.bytes_(kind)
+            kind = "POLYGON_MESH_DATA"  # of all but the first
+    return path
+
+
+def test_a_model_in_a_group_is_found(tmp_path: Path):
+    path = in_groups(tmp_path / "a.h5", "models/shape", "models/colour")
+    np.testing.assert_allclose(read_statismo(path).variances, [9, 4])
+    path = in_groups(tmp_path / "b.h5", "a", "b")
+    with h5py.File(path, "a") as file:
+        file["b/representer"].attrs["datasetType"] = np.bytes_("POLYGON_MESH")
+    with pytest.raises(StudyError, match="holds 2 models: /a, /b"):
+        read_statismo(path)
+
+
+def as_json(path: Path) -> Path:
+    """An HDF5 file in the JSON that hdf5-json and Scalismo write."""
+    tree: dict[str, Any] = {"apiVersion": "1.0.0", "root": "/", "groups": {}, "datasets": {}}
+
+    def of(value: Any) -> Any:
+        value = np.asarray(value)
+        return value.item().decode() if value.dtype.kind == "S" else value.tolist()
+
+    def add(name: str, group: h5py.Group) -> None:
+        content = tree["groups"][name] = {"attributes": [], "links": []}
+        content["attributes"] = [{"name": k, "value": of(v)} for k, v in group.attrs.items()]
+        for title, member in group.items():
+            kind = "groups" if isinstance(member, h5py.Group) else "datasets"
+            content["links"].append(
+                {"class": "H5L_TYPE_HARD", "title": title, "collection": kind, "id": member.name}
+            )
+            if kind == "groups":
+                add(member.name, member)
+            else:
+                tree["datasets"][member.name] = {"value": of(member[()])}
+
+    with h5py.File(path, "r") as file:
+        add("/", file)
+    path.with_suffix(".h5.json").write_text(json.dumps(tree))
+    return path.with_suffix(".h5.json")
+
+
+def test_the_json_of_a_file_gives_the_same_model(tmp_path: Path):
+    scores = {"modelinfo__scores": np.array([[1.0, -1.0], [0.5, -0.5]], np.float32)}
+    path = written(tmp_path / "a.h5", **scores)
+    model, other = read_statismo(path), read_statismo(as_json(path))
+    for name in ("mean", "modes", "variances", "faces", "scores"):
+        np.testing.assert_array_equal(getattr(model, name), getattr(other, name))
+    old = written(tmp_path / "old.h5", **NO_VERSION, model__pcaBasis=SCALED)
+    np.testing.assert_allclose(read_statismo(as_json(old)).variances, [9, 4], rtol=1e-6)
+
+
+def test_json_that_is_no_tree_is_refused(tmp_path: Path):
+    endless = {
+        "root": "a",
+        "groups": {"a": {"links": [{"title": "x", "collection": "groups", "id": "a"}]}},
+        "datasets": {},
+    }
+    for content in (json.dumps(endless), "{", "{}", '{"root": 1, "groups": []}'):
+        (tmp_path / "a.h5.json").write_text(content)
+        with pytest.raises(StudyError, match="no HDF5 content as JSON"):
+            read_statismo(tmp_path / "a.h5.json")
 
 
 def test_scores_and_cases_are_read_where_they_are(tmp_path: Path):

@@ -1,6 +1,7 @@
 """Segments by name, from files that slicerio and highdicom write."""
 
 import dataclasses
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,8 @@ def test_a_name_that_is_not_there(tmp_path: Path, kind: str) -> None:
 def test_a_name_that_is_there_twice(tmp_path: Path, kind: str) -> None:
     """Which of the two is meant can't be known: neither is taken in silence."""
     mask, segments = two_organs()
-    named = {"Liver": segments["liver"], "LIVER": segments["Left spleen"], "liver 2": mask.voxels}
+    smaller = mask.voxels & (np.indices(mask.voxels.shape)[0] < 8)
+    named = {"Liver": segments["liver"], "LIVER": segments["Left spleen"], "liver 2": smaller}
     path = write(kind, tmp_path, mask, named)
     with pytest.raises(CaseError, match=r"case a: .*has 2 segments named liver, and which"):
         read_segments(path, ("liver",), "a")
@@ -201,3 +203,69 @@ def test_a_threshold_is_for_shares_and_not_for_3d_slicers_labels(tmp_path: Path)
     path = write_seg_nrrd(tmp_path / "a.seg.nrrd", mask, segments)
     found = read_segments(path, ("Left spleen",), "a", threshold=0.5)
     assert found.voxels.sum() == segments["Left spleen"].sum()
+
+
+def older_seg_nrrd(
+    path: Path, segments: dict[str, np.ndarray], keys: str = "", components: int | None = None
+) -> Path:
+    """As 3D Slicer before 4.11: a component per segment, no Layer, no LabelValue. `keys` follow."""
+    voxels = np.stack(list(segments.values()), axis=-1)[..., :components].astype(np.uint8)
+    sizes = [voxels.shape[-1], *voxels.shape[-2::-1]]
+    header = [
+        "NRRD0004",
+        "type: uchar",
+        "dimension: 4",
+        "space: left-posterior-superior",
+        f"sizes: {' '.join(map(str, sizes))}",
+        "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+        "kinds: list domain domain domain",
+        "endian: little",
+        "encoding: gzip",
+        "space origin: (0,0,0)",
+        *(f"Segment{number}_Name:={name}" for number, name in enumerate(segments)),
+    ]
+    content = "\n".join(header) + "\n" + keys + "\n"
+    path.write_bytes(content.encode() + gzip.compress(voxels.tobytes()))
+    return path
+
+
+def twelve_organs() -> dict[str, np.ndarray]:
+    """Boxes of different sizes; with twelve, Segment10 comes before Segment2 as text."""
+    organs = np.zeros((12, 14, 18, 22), bool)
+    for number, organ in enumerate(organs):
+        organ[2:8, 3:9, 2 : 8 + number] = True
+    return {f"organ {number}": organ for number, organ in enumerate(organs)}
+
+
+def test_segments_of_an_older_file_are_its_components(tmp_path: Path) -> None:
+    organs = twelve_organs()
+    path = older_seg_nrrd(tmp_path / "a.seg.nrrd", organs)
+    for name, voxels in organs.items():
+        np.testing.assert_array_equal(read_segments(path, (name,), "a").voxels, voxels)
+
+
+@pytest.mark.parametrize(
+    ("keys", "components", "message"),
+    [
+        ("", 11, "names 12 segments without layers and label values, and has 11 layers"),
+        ("Segment3_Layer:=3\n", None, "no Segment0_Layer, and other segments have one"),
+        ("Segment0_Layer:=0\n", None, "no Segment0_LabelValue"),
+    ],
+)
+def test_segments_without_a_place_are_refused(tmp_path, keys, components, message) -> None:
+    path = older_seg_nrrd(tmp_path / "a.seg.nrrd", twelve_organs(), keys, components)
+    with pytest.raises(CaseError, match=message):
+        read_segments(path, ("organ 1",), "a")
+
+
+def test_segments_of_equal_voxels_are_refused(tmp_path: Path) -> None:
+    organs = twelve_organs()
+    organs["copy"] = organs["organ 4"]
+    path = older_seg_nrrd(tmp_path / "a.seg.nrrd", organs)
+    with pytest.raises(CaseError, match="segments organ 4 and copy have the same voxels"):
+        read_segments(path, ("organ 4",), "a")
+    assert read_segments(path, ("organ 5",), "a").voxels.any()
+    keys = "".join(f"Segment{i}_Layer:=0\nSegment{i}_LabelValue:=1\n" for i in range(12))
+    path = older_seg_nrrd(tmp_path / "b.seg.nrrd", twelve_organs(), keys)
+    with pytest.raises(CaseError, match="gives Segment0 and Segment1 the same voxels"):
+        read_segments(path, ("organ 4",), "a")
