@@ -16,20 +16,20 @@ from command_line import Workflow
 ROOT = Path(__file__).parents[1]
 
 
-def test_help_names_every_command(workflow: Workflow):
+def test_help_names_every_command(workflow: Workflow) -> None:
     result = workflow("--help")
     assert result.code == 0
     for command in ("run", "check", "show", "list", "init"):
         assert command in result.stdout
 
 
-def test_the_module_runs_as_a_program(tmp_path: Path):
+def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ssm_pipeline", "--help"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "workflow" in done.stdout or "Usage" in done.stdout
 
 
-def test_list_shows_the_built_in_studies_from_any_folder(workflow: Workflow):
+def test_list_shows_the_built_in_studies_from_any_folder(workflow: Workflow) -> None:
     result = workflow("list")
     assert result.code == 0
     names = [line.split()[0] for line in result.stdout.splitlines()]
@@ -37,7 +37,9 @@ def test_list_shows_the_built_in_studies_from_any_folder(workflow: Workflow):
     assert set(names) == {path.stem for path in ROOT.glob("workflows/*.yaml")}
 
 
-def test_show_prints_settings_that_can_be_run_as_they_are(workflow: Workflow, tmp_path: Path):
+def test_show_prints_settings_that_can_be_run_as_they_are(
+    workflow: Workflow, tmp_path: Path
+) -> None:
     result = workflow("show", "luna16", "--set", "training.steps=7")
     assert result.code == 0
     shown = yaml.safe_load(result.stdout)
@@ -47,21 +49,23 @@ def test_show_prints_settings_that_can_be_run_as_they_are(workflow: Workflow, tm
     assert yaml.safe_load(again.stdout) == shown
 
 
-def test_an_error_is_one_message_without_a_traceback(workflow: Workflow):
+def test_an_error_is_one_message_without_a_traceback(workflow: Workflow) -> None:
     result = workflow("show", "luna61")
     assert result.code == 1
     assert result.stderr.startswith("error: there is no study luna61. Did you mean luna16?")
     assert "Traceback" not in result.stderr
 
 
-def test_a_mistyped_setting_is_refused_and_the_nearest_named(workflow: Workflow, tmp_path: Path):
+def test_a_mistyped_setting_is_refused_and_the_nearest_named(
+    workflow: Workflow, tmp_path: Path
+) -> None:
     result = workflow("run", "luna16", "--set", "training.stpes=5")
     assert result.code == 1
     assert "there is no setting training.stpes. Did you mean steps?" in result.stderr
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Workflow):
+def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Workflow) -> None:
     result = workflow("run", "hippocampus")
     assert result.code == 1
     assert "study hippocampus needs masks. Pass --data FOLDER" in result.stderr
@@ -70,7 +74,7 @@ def test_a_study_without_masks_and_without_stand_in_says_what_to_do(workflow: Wo
         assert "study livers needs surfaces. Pass --data" in workflow(command, "livers").stderr
 
 
-def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Path):
+def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Path) -> None:
     made = workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     assert made.code == 0, made.stderr
     assert "workflow check balls" in made.stdout
@@ -87,7 +91,9 @@ def test_init_check_and_show_of_a_new_study(workflow: Workflow, sphere_masks: Pa
     assert "wrote v1.2.yaml. Look it over, then: workflow check v1.2\n" in other.stdout
 
 
-def test_init_on_surfaces_segments_and_probability_maps(workflow: Workflow, sphere_masks: Path):
+def test_init_on_surfaces_segments_and_probability_maps(
+    workflow: Workflow, sphere_masks: Path
+) -> None:
     import trimesh
 
     surfaces = sphere_masks.parent / "surfaces"
@@ -123,7 +129,7 @@ def test_init_on_surfaces_segments_and_probability_maps(workflow: Workflow, sphe
 )
 def test_init_refuses(
     workflow: Workflow, sphere_masks: Path, options: tuple[str, ...], message: str
-):
+) -> None:
     words = [word.format(masks=sphere_masks) for word in options]
     result = workflow("init", "balls", *words)
     assert result.code == 1
@@ -132,13 +138,15 @@ def test_init_refuses(
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a/b", "../a"])
-def test_init_writes_into_this_folder_alone(workflow: Workflow, sphere_masks: Path, name: str):
+def test_init_writes_into_this_folder_alone(
+    workflow: Workflow, sphere_masks: Path, name: str
+) -> None:
     result = workflow("init", name, "--masks", str(sphere_masks), "--label", "3")
     assert result.code == 1
     assert f"{name} is not a plain name" in result.stderr
 
 
-def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_masks: Path):
+def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_masks: Path) -> None:
     workflow("init", "balls", "--masks", str(sphere_masks), "--label", "4")
     checked = workflow("check", "balls")
     assert checked.code == 1
@@ -148,7 +156,7 @@ def test_check_names_the_case_that_lacks_the_label(workflow: Workflow, sphere_ma
 
 def test_check_names_excluded_cases_with_their_reason_and_broken_files(
     workflow: Workflow, sphere_masks: Path
-):
+) -> None:
     workflow("init", "balls", "--masks", str(sphere_masks), "--label", "3")
     whole = (sphere_masks / "ball_1.nii.gz").read_bytes()
     (sphere_masks / "ball_9.nii.gz").write_bytes(whole[: len(whole) // 2])
@@ -183,7 +191,7 @@ def sphere_masks(tmp_path: Path) -> Path:
 
 def test_an_installed_wheel_finds_its_studies_in_an_empty_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     """What pyproject.toml puts into the wheel is where `study_folders` looks."""
     from ssm_pipeline.study import study
 

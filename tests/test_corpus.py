@@ -35,7 +35,7 @@ def reader_of(path: Path) -> Callable[[Path], object]:
 
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.name)
-def test_a_damaged_file_is_refused_by_an_error_that_names_it(path: Path):
+def test_a_damaged_file_is_refused_by_an_error_that_names_it(path: Path) -> None:
     with pytest.raises((CaseError, StudyError)) as refused:
         reader_of(path)(path)
     assert path.name.split(".")[0] in str(refused.value) or "case" in str(refused.value)

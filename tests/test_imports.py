@@ -75,7 +75,7 @@ def imported(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_point_back_along_the_list_of_rooms(path: Path):
+def test_imports_point_back_along_the_list_of_rooms(path: Path) -> None:
     module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     room = room_of(module)
     if room is None or module == "ssm_pipeline.__init__":
@@ -93,18 +93,18 @@ def test_imports_point_back_along_the_list_of_rooms(path: Path):
     assert not ahead, f"{module} imports {sorted(ahead)}, which come after {room}"
 
 
-def test_the_check_sees_an_import_that_points_ahead(tmp_path: Path):
+def test_the_check_sees_an_import_that_points_ahead(tmp_path: Path) -> None:
     module = tmp_path / "rigid.py"
     module.write_text("def f():\n    from ssm_pipeline.engine.runner import run_stages\n")
     assert imported(module) == {"engine"}
 
 
-def test_geometry_and_shape_model_need_no_pytorch():
+def test_geometry_and_shape_model_need_no_pytorch() -> None:
     code = "import sys, ssm_pipeline.shape_model.pca; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_run_asks_for_its_team_without_pytorch():
+def test_a_run_asks_for_its_team_without_pytorch() -> None:
     code = (
         "import sys\n"
         "from ssm_pipeline.training.team import team_of_torchrun\n"
@@ -114,7 +114,7 @@ def test_a_run_asks_for_its_team_without_pytorch():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_the_package_and_the_command_line_import_nothing_heavy():
+def test_the_package_and_the_command_line_import_nothing_heavy() -> None:
     code = (
         "import sys, ssm_pipeline, ssm_pipeline.cli\n"
         "heavy = {'numpy', 'torch', 'pandas', 'pydantic', 'vtk', 'SimpleITK'} & set(sys.modules)\n"
@@ -123,7 +123,7 @@ def test_the_package_and_the_command_line_import_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_contributing_lists_the_rooms_in_their_order():
+def test_contributing_lists_the_rooms_in_their_order() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     block = text.split("    ssm_pipeline/\n")[1].split("\n\n")[0]
     listed = re.findall(r"^      (\w+)(?:/|\.py)", block, flags=re.MULTILINE)

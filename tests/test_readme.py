@@ -23,7 +23,7 @@ PYTHON_BLOCKS = [
 OF_A_RUN = [block for block in PYTHON_BLOCKS if "load_run(" in str(block.values[0])]
 
 
-def test_there_is_python_in_readme_and_the_tutorial():
+def test_there_is_python_in_readme_and_the_tutorial() -> None:
     pages = {str(block.id).rsplit("-", 1)[0] for block in PYTHON_BLOCKS}
     assert {"README.md", "docs/how-to/own-organ.md"} <= pages
     assert len(OF_A_RUN) == 2
@@ -35,7 +35,7 @@ def test_python_runs_as_printed(
     tiny_run: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-):
+) -> None:
     monkeypatch.chdir(tiny_run.parent.parent)  # holds runs/luna16, as README's reader's folder does
     names: dict[str, object] = {}
     exec(compile(block, "README.md", "exec"), names)
@@ -43,7 +43,7 @@ def test_python_runs_as_printed(
 
 
 @pytest.mark.parametrize("block", PYTHON_BLOCKS)
-def test_every_public_name_that_is_printed_exists(block: str):
+def test_every_public_name_that_is_printed_exists(block: str) -> None:
     """What takes longer than a test may is run in tests/test_public_names.py, on small shapes."""
     for node in ast.walk(ast.parse(block)):
         if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "ssm":
@@ -51,13 +51,13 @@ def test_every_public_name_that_is_printed_exists(block: str):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_links_within_the_repository_lead_somewhere(page: str):
+def test_links_within_the_repository_lead_somewhere(page: str) -> None:
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", PAGES[page]):
         assert (ROOT / page).parent.joinpath(target).exists(), target
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_command_and_option_named_exists(page: str):
+def test_every_command_and_option_named_exists(page: str) -> None:
     import typer
 
     from ssm_pipeline import cli
@@ -73,7 +73,7 @@ def test_every_command_and_option_named_exists(page: str):
         assert option in options | {"--help"}, option
 
 
-def test_every_command_is_on_its_page():
+def test_every_command_is_on_its_page() -> None:
     import typer
 
     from ssm_pipeline import cli
@@ -85,7 +85,7 @@ def test_every_command_is_on_its_page():
         assert f"`workflow {name}" in PAGES["docs/reference/commands.md"], name
 
 
-def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path):
+def test_every_file_that_a_run_is_said_to_leave_is_there(tiny_run: Path) -> None:
     block = PAGES["docs/reference/formats.md"].split("runs/luna16/\n")[1].split("\n\n")[0]
     for line in block.splitlines():
         folder, content = line.split(maxsplit=1)

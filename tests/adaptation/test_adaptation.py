@@ -33,7 +33,7 @@ def objective_of(pair, samples=3000, stiffness=6.6e-5):
     )
 
 
-def test_objective_against_brute_force(pair):
+def test_objective_against_brute_force(pair) -> None:
     objective = objective_of(pair, samples=400)
     offsets = 0.02 * np.random.default_rng(1).standard_normal(objective.vertices.shape)
     samples = objective.moved_samples(offsets)
@@ -43,7 +43,7 @@ def test_objective_against_brute_force(pair):
     assert objective.value(offsets) == pytest.approx(chamfer + 6.6e-5 * dirichlet, rel=1e-9)
 
 
-def test_gradient_against_finite_differences(pair):
+def test_gradient_against_finite_differences(pair) -> None:
     objective = objective_of(pair, samples=400)
     generator = np.random.default_rng(1)
     offsets = 0.02 * generator.standard_normal(objective.vertices.shape)
@@ -55,7 +55,7 @@ def test_gradient_against_finite_differences(pair):
     assert (objective.gradient(offsets) * direction).sum() == pytest.approx(numeric, rel=1e-3)
 
 
-def test_gauss_newton_reaches_what_vector_adam_reaches():
+def test_gauss_newton_reaches_what_vector_adam_reaches() -> None:
     # A pair far enough apart that the surfaces, not the samples' noise, decide the objective.
     other = blob(2)
     far = basis_of(Mesh(other.vertices * [1.5, 1.0, 0.8], other.faces, "far"))
@@ -66,12 +66,12 @@ def test_gauss_newton_reaches_what_vector_adam_reaches():
     assert min(values) <= reference[-1]
 
 
-def test_the_last_steps_never_raise_the_objective(pair):
+def test_the_last_steps_never_raise_the_objective(pair) -> None:
     _, values = gauss_newton(objective_of(pair), steps=6)
     assert values[-1] <= values[-2] * (1 + 1e-9) <= values[-3] * (1 + 1e-6)
 
 
-def test_adapting_brings_the_surface_onto_the_case(pair):
+def test_adapting_brings_the_surface_onto_the_case(pair) -> None:
     x, y = pair
     settings = AdaptationSettings(samples=8000)
     offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
@@ -82,7 +82,7 @@ def test_adapting_brings_the_surface_onto_the_case(pair):
     assert after < 0.25 * before
 
 
-def test_a_shape_on_itself_stays(pair):
+def test_a_shape_on_itself_stays(pair) -> None:
     x, _ = pair
     settings = AdaptationSettings(samples=8000, steps=3)
     offsets = adapt(triangles(x), x.laplacian, triangles(x), settings, seed=0).offsets
@@ -90,14 +90,14 @@ def test_a_shape_on_itself_stays(pair):
     assert np.linalg.norm(offsets, axis=1).mean() < 0.5 * np.sqrt(1 / 8000)
 
 
-def test_a_stiff_shape_only_translates(pair):
+def test_a_stiff_shape_only_translates(pair) -> None:
     x, y = pair
     settings = AdaptationSettings(samples=2000, stiffness=1e3)
     offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
     assert np.ptp(offsets, axis=0).max() < 1e-3
 
 
-def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_vertex():
+def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_vertex() -> None:
     template_mesh = blob(1)
     turned = Mesh(
         template_mesh.vertices[::-1] + 3.0,
@@ -115,6 +115,6 @@ def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_ver
     assert (match.nearest_vertex == brute).all()
 
 
-def test_a_network_method_needs_a_network(pair):
+def test_a_network_method_needs_a_network(pair) -> None:
     with pytest.raises(ValueError, match="'full' needs a trained matcher"):
         correspond(*pair, None, AdaptationSettings())

@@ -43,18 +43,18 @@ def start_of(basis, targets, weight=MU):
     return map_start(basis.vertices, targets, basis.laplacian, basis.mass, weight)
 
 
-def test_exact_on_a_rigid_motion(basis):
+def test_exact_on_a_rigid_motion(basis) -> None:
     goal = TURN.apply(basis.vertices) + np.array([0.3, 0.1, -2.0])
     np.testing.assert_allclose(start_of(basis, goal), goal, atol=1e-9)
 
 
-def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar):
+def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar) -> None:
     goal = bent(bar.vertices)
     off = [np.abs(start_of(bar, goal, weight) - goal).max() for weight in (30, 300, 1e7)]
     assert off[2] < 1e-3 < off[1] < off[0] < 0.03  # of a bar 1 long: its skin must stretch
 
 
-def test_targets_that_are_wildly_wrong_lose_their_weight(bar):
+def test_targets_that_are_wildly_wrong_lose_their_weight(bar) -> None:
     goal = bent(bar.vertices)
     exact = start_of(bar, goal)
     generator = np.random.default_rng(0)
@@ -68,14 +68,14 @@ def test_targets_that_are_wildly_wrong_lose_their_weight(bar):
     assert np.linalg.norm(wrong - goal, axis=1)[wild].mean() > 0.5
 
 
-def test_rotating_the_targets_rotates_the_start(basis):
+def test_rotating_the_targets_rotates_the_start(basis) -> None:
     noise = 0.03 * np.random.default_rng(1).standard_normal(basis.vertices.shape)
     goal = basis.vertices * [1.1, 0.9, 1.0] + noise
     rotated = start_of(basis, TURN.apply(goal))
     np.testing.assert_allclose(rotated, TURN.apply(start_of(basis, goal)), atol=1e-9)
 
 
-def test_two_triangulations_of_one_shape_start_alike():
+def test_two_triangulations_of_one_shape_start_alike() -> None:
     coarse, fine = basis_of(bar_mesh(0.5), 5), basis_of(bar_mesh(0.25), 5)
     poses = [start_of(basis, bent(basis.vertices)) for basis in (coarse, fine)]
     place = closest_points(fine.vertices, coarse.vertices, coarse.faces)
@@ -85,7 +85,7 @@ def test_two_triangulations_of_one_shape_start_alike():
     assert apart < 0.05 * moved
 
 
-def test_the_noise_of_a_map_is_smoothed(basis):
+def test_the_noise_of_a_map_is_smoothed(basis) -> None:
     goal = TURN.apply(basis.vertices)
     noise = 0.03 * np.random.default_rng(1).standard_normal(goal.shape)
     off = np.linalg.norm(start_of(basis, goal + noise) - goal, axis=1).mean()

@@ -19,7 +19,7 @@ def matcher():
     return Matcher(Networks.new(settings, 0), settings, 0, ())
 
 
-def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher):
+def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher) -> None:
     template, case = basis_of(blob(1)), basis_of(blob(2))
     times = np.array([0.0, 0.5, 1.0])
     plain = pose_path(template, case, matcher, times)
@@ -29,7 +29,7 @@ def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher):
     assert np.abs(plain[2] - template.vertices).max() > 1e-3
 
 
-def test_displacements_are_carried_from_a_coarser_template(matcher):
+def test_displacements_are_carried_from_a_coarser_template(matcher) -> None:
     fine, coarse, case = basis_of(blob(1, faces=1500)), basis_of(blob(1, faces=300)), blob(2)
     goal = basis_of(case)
     posed = pose_path(fine, goal, matcher, np.ones(1), (coarse, goal))[0]

@@ -26,7 +26,7 @@ def untrained(bases):
     return train_networks(bases, TrainingSettings(steps=1, matching=small), seed=0)
 
 
-def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(bases):
+def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(bases) -> None:
     basis = bases[0]
     L, x = basis.laplacian, basis.vertices
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
@@ -43,8 +43,8 @@ def dirichlet(offset, L):
 
 
 def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
-    untrained, monkeypatch
-):
+    untrained, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from ssm_pipeline.adaptation import pose
 
     template, case = (
@@ -63,7 +63,9 @@ def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
     assert not np.allclose(full.fitted, network.fitted)
 
 
-def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(bases, untrained, monkeypatch):
+def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(
+    bases, untrained, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A few percent of the cost tell nothing; without a margin they decide."""
     from ssm_pipeline.adaptation import correspond as module
     from ssm_pipeline.adaptation import pose
@@ -81,7 +83,9 @@ def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(bases, untrained,
     assert correspond(template, case, untrained, SETTINGS).start == "network"
 
 
-def test_the_network_wins_where_the_rigid_start_cannot_reach(bases, untrained, monkeypatch):
+def test_the_network_wins_where_the_rigid_start_cannot_reach(
+    bases, untrained, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A case turned over: aligned rigidly it stays the wrong way round, the network's pose not."""
     from ssm_pipeline.adaptation import correspond as module
     from ssm_pipeline.adaptation import pose
@@ -96,7 +100,7 @@ def test_the_network_wins_where_the_rigid_start_cannot_reach(bases, untrained, m
     assert (match.nearest_vertex == np.arange(len(case.vertices))).mean() > 0.95
 
 
-def test_the_papers_start_alone_is_a_setting(bases, untrained):
+def test_the_papers_start_alone_is_a_setting(bases, untrained) -> None:
     paper = SETTINGS.model_copy(update={"starts": "network"})
     full = correspond(bases[0], bases[1], untrained, paper)
     network = correspond(bases[0], bases[1], untrained, SETTINGS, "network start")

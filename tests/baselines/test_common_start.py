@@ -15,7 +15,7 @@ from ssm_pipeline.records import Mesh
 TURN = Rotation.from_euler("xyz", [12, -20, 15], degrees=True).as_matrix()
 
 
-def test_a_moved_and_enlarged_copy_is_found():
+def test_a_moved_and_enlarged_copy_is_found() -> None:
     template = blob(1, faces=600)
     frame = Similarity(1.4, TURN, np.array([80.0, -300.0, 12.0]))
     other = blob(1, faces=500)  # the same solid, triangulated its own way
@@ -28,7 +28,7 @@ def test_a_moved_and_enlarged_copy_is_found():
     assert found.scale == pytest.approx(1.4, rel=0.01)
 
 
-def test_aligned_meshes_lie_on_the_template_in_their_own_size():
+def test_aligned_meshes_lie_on_the_template_in_their_own_size() -> None:
     template = blob(1, faces=600)
     frame = Similarity(1.4, TURN, np.array([80.0, -300.0, 12.0]))
     case = Mesh(frame.apply(template.vertices), template.faces, "case")

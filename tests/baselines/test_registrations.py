@@ -26,7 +26,7 @@ def bent(mesh: Mesh) -> Mesh:
     return Mesh(points * [1, 1.3, 1 / 1.3], mesh.faces, "case")
 
 
-def test_affine_alignment_finds_an_affine_map():
+def test_affine_alignment_finds_an_affine_map() -> None:
     template = blob(1, faces=500)
     A = np.array([[1.15, 0.05, 0.0], [0.0, 0.9, 0.1], [0.04, 0.0, 1.05]])
     other = blob(1, faces=400)
@@ -37,7 +37,7 @@ def test_affine_alignment_finds_an_affine_map():
 
 
 @pytest.mark.parametrize("registration", base_methods("registration"))
-def test_each_comes_nearer_to_the_truth_than_its_start(registration: str):
+def test_each_comes_nearer_to_the_truth_than_its_start(registration: str) -> None:
     if missing_package(registration):
         pytest.skip(f"{missing_package(registration)} is not installed")
     template, case = blob(2, faces=400), bent(blob(2, faces=350))
@@ -53,14 +53,14 @@ def test_each_comes_nearer_to_the_truth_than_its_start(registration: str):
     assert match.barycentric.sum(axis=1) == pytest.approx(1)
 
 
-def test_a_given_start_is_where_it_starts():
+def test_a_given_start_is_where_it_starts() -> None:
     template, case = blob(2, faces=400), bent(blob(2, faces=500))
     near = register(template, case, "affine nearest", SETTINGS, bent(template).vertices)
     truth = bent(template).vertices
     assert np.linalg.norm(near.fitted - truth, axis=1).mean() < 1.5
 
 
-def test_a_package_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch):
+def test_a_package_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert registering.missing_package("cpd") == "rustcpd"
     assert registering.missing_package("nricp") is None

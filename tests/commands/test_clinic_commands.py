@@ -70,7 +70,7 @@ def in_an_image(run: Path, path: Path, slices: int | None = None) -> None:
     sitk.WriteImage(image, str(path))
 
 
-def test_an_imported_model_is_the_same_model_and_its_report_opens(run: Path):
+def test_an_imported_model_is_the_same_model_and_its_report_opens(run: Path) -> None:
     imported, shapes = load_run(run), cohort()
     model = pca_model(align(shapes)[0])
     np.testing.assert_allclose(imported.model.mean, model.mean)
@@ -79,7 +79,7 @@ def test_an_imported_model_is_the_same_model_and_its_report_opens(run: Path):
     assert "organ" in (run / "report" / "index.html").read_text(encoding="utf-8")
 
 
-def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Path):
+def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Path) -> None:
     in_an_image(run, Path("whole.nii.gz"))
     in_an_image(run, Path("cut.mhd"), slices=36)
     model = load_run(run).model
@@ -111,7 +111,7 @@ def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Pa
 
 def test_a_patient_is_read_from_segments_by_name_and_surfaces_in_metres(
     workflow: Workflow, run: Path
-):
+) -> None:
     in_an_image(run, Path("whole.nii.gz"))
     image = sitk.ReadImage("whole.nii.gz")
     mask = Mask(
@@ -143,7 +143,7 @@ def test_a_patient_is_read_from_segments_by_name_and_surfaces_in_metres(
 
 def test_by_matcher_the_template_is_laid_on_the_patient(
     workflow: Workflow, tiny_run: Path, tmp_path: Path
-):
+) -> None:
     run_copy = tmp_path / "runs" / "balls"
     shutil.copytree(tiny_run, run_copy)
     masks = write_balls(tmp_path / "new", 5)
@@ -160,7 +160,7 @@ def test_by_matcher_the_template_is_laid_on_the_patient(
     assert table["mean_mm"].max() < 2.5
 
 
-def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path):
+def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path) -> None:
     Path("a.txt").write_text("none")
     for words, message in (
         (("a.txt",), "no patient could be fitted"),
@@ -174,7 +174,7 @@ def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path):
         assert message in said.stderr
 
 
-def test_shapes_are_compared_with_covariates(workflow: Workflow, run: Path):
+def test_shapes_are_compared_with_covariates(workflow: Workflow, run: Path) -> None:
     scores = load_run(run).model.scores
     table = pd.DataFrame(
         {
@@ -206,7 +206,7 @@ def test_shapes_are_compared_with_covariates(workflow: Workflow, run: Path):
 
 def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
     workflow: Workflow, run: Path, tmp_path: Path
-):
+) -> None:
     own = tmp_path / "runs" / "organ"
     shutil.copytree(run, own)
     pd.DataFrame({"case_id": IDS, "age": np.linspace(40, 70, 12)}).to_csv("a.csv", index=False)
@@ -238,7 +238,9 @@ def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
     assert "compare/age can't be shown: power.csv is missing" in again.stderr
 
 
-def test_several_cases_of_a_patient_are_not_compared(workflow: Workflow, run: Path, tmp_path: Path):
+def test_several_cases_of_a_patient_are_not_compared(
+    workflow: Workflow, run: Path, tmp_path: Path
+) -> None:
     own = tmp_path / "runs" / "sides"
     shutil.copytree(run, own)
     assert set(load_run(own).patients.values()) == set(IDS)  # an imported model knows no patients
@@ -252,7 +254,7 @@ def test_several_cases_of_a_patient_are_not_compared(workflow: Workflow, run: Pa
     assert "p0, p1, p2 …" in refused.stderr
 
 
-def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path):
+def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path) -> None:
     held = load_run(run)
     template, faces = held.shapes.template, held.shapes.faces
     top = int(template[:, 2].argmax())
@@ -285,7 +287,9 @@ def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow,
     assert "names vertices 99999 to 99999; 0 to 161 are the template's" in said.stderr
 
 
-def test_an_export_explains_itself(workflow: Workflow, run: Path, monkeypatch):
+def test_an_export_explains_itself(
+    workflow: Workflow, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     said = workflow("export", "organ", "--runs", str(run.parent), "--to", "out")
     assert said.code == 0, said.stderr
     readme = Path("out/README.md").read_text()
@@ -337,7 +341,7 @@ def all_bytes(path: Path) -> list[bytes]:
     return content
 
 
-def test_no_byte_of_a_pseudonymised_export_tells_an_id(workflow: Workflow, run: Path):
+def test_no_byte_of_a_pseudonymised_export_tells_an_id(workflow: Workflow, run: Path) -> None:
     said = workflow("export", "organ", "--runs", str(run.parent), "--to", "out", "--pseudonymise")
     assert said.code == 0, said.stderr
     wanted = [*IDS, "Miller", "patient-", str(run.parent)]
@@ -358,7 +362,7 @@ def test_no_byte_of_a_pseudonymised_export_tells_an_id(workflow: Workflow, run: 
         np.testing.assert_allclose(row[1:], own, atol=1e-9)
 
 
-def test_a_statismo_file_of_ours_comes_back(workflow: Workflow, run: Path):
+def test_a_statismo_file_of_ours_comes_back(workflow: Workflow, run: Path) -> None:
     said = workflow(
         "export", "organ", "--runs", str(run.parent), "--to", "out", "--format", "statismo"
     )
@@ -377,7 +381,7 @@ def test_a_statismo_file_of_ours_comes_back(workflow: Workflow, run: Path):
     assert "is in use" in again.stderr
 
 
-def test_what_is_mirrored_comes_back_to_its_own_side(workflow: Workflow, run: Path):
+def test_what_is_mirrored_comes_back_to_its_own_side(workflow: Workflow, run: Path) -> None:
     """Right cases are matched as mirror images; what is written lies where the scan has it."""
     model = load_run(run).model
     sides = tuple(f"p{number}_{'left' if number % 2 else 'right'}" for number in range(12))
@@ -415,7 +419,9 @@ def test_what_is_mirrored_comes_back_to_its_own_side(workflow: Workflow, run: Pa
         assert volume(np.asarray(labelled.points, float), faces) > 0
 
 
-def test_a_model_from_elsewhere_is_taken_with_care(workflow: Workflow, run: Path, tmp_path: Path):
+def test_a_model_from_elsewhere_is_taken_with_care(
+    workflow: Workflow, run: Path, tmp_path: Path
+) -> None:
     """Ids that are paths, triangles that look inward, a byte that changes; nothing is claimed."""
     model = load_run(run).model
     paths = tuple(f"{tmp_path}/elsewhere/liver_{number}.vtk" for number in range(12))

@@ -27,7 +27,7 @@ def run_copy(tiny_run: Path, tmp_path: Path) -> Path:
     return copy
 
 
-def test_every_format_is_written_and_listed(workflow: Workflow, run_copy: Path):
+def test_every_format_is_written_and_listed(workflow: Workflow, run_copy: Path) -> None:
     said = workflow("export", "luna16")
     assert said.code == 0, said.stderr
     listed = {Path(line).resolve() for line in said.stdout.splitlines()}
@@ -41,7 +41,9 @@ def test_every_format_is_written_and_listed(workflow: Workflow, run_copy: Path):
     assert (about["cases"], about["modes"]) == (4, 3)
 
 
-def test_the_template_lies_on_its_own_scan(workflow: Workflow, run_copy: Path, tmp_path: Path):
+def test_the_template_lies_on_its_own_scan(
+    workflow: Workflow, run_copy: Path, tmp_path: Path
+) -> None:
     said = workflow("export", "luna16", "--format", "ply", "--to", "out")
     assert said.code == 0, said.stderr
     run = load_run(run_copy)
@@ -52,7 +54,7 @@ def test_the_template_lies_on_its_own_scan(workflow: Workflow, run_copy: Path, t
     assert not list((tmp_path / "out").glob("*.npz"))
 
 
-def test_particles_and_pictures_are_of_one_case(workflow: Workflow, run_copy: Path):
+def test_particles_and_pictures_are_of_one_case(workflow: Workflow, run_copy: Path) -> None:
     assert workflow("export", "luna16", "--format", "shapeworks").code == 0
     run, folder = load_run(run_copy), run_copy / "export" / "shapeworks"
     for row in json.loads((folder / "model.swproj").read_text())["data"]:
@@ -63,7 +65,7 @@ def test_particles_and_pictures_are_of_one_case(workflow: Workflow, run_copy: Pa
         assert distances.max() < 1e-4  # mm
 
 
-def test_no_file_of_a_pseudonymised_export_names_a_case(workflow: Workflow, run_copy: Path):
+def test_no_file_of_a_pseudonymised_export_names_a_case(workflow: Workflow, run_copy: Path) -> None:
     said = workflow("export", "luna16", "--pseudonymise")
     assert said.code == 0, said.stderr
     folder, cases = run_copy / "export-pseudonymised", load_run(run_copy).cases
@@ -81,7 +83,7 @@ def test_no_file_of_a_pseudonymised_export_names_a_case(workflow: Workflow, run_
         np.testing.assert_allclose(scores.loc[row.pseudonym], own)
 
 
-def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: Path):
+def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: Path) -> None:
     assert workflow("export", "luna16", "--format", "csv", "--to", "out").code == 0
     mixed = workflow("export", "luna16", "--format", "npz", "--to", "out", "--pseudonymise")
     assert mixed.code == 1
@@ -97,7 +99,7 @@ def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: P
     assert "would hold the key" in key_inside.stderr
 
 
-def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path):
+def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path) -> None:
     first = pseudonyms_of(["b", "007"], tmp_path)
     assert set(first.values()) == {"case_001", "case_002"}
     second = pseudonyms_of(["a", "007", "NA"], tmp_path)
@@ -106,7 +108,7 @@ def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path):
     assert pseudonyms_of(["b"], tmp_path) == {"b": first["b"]}
 
 
-def test_pseudonyms_are_not_numbered_as_the_ids_are_sorted(tmp_path: Path):
+def test_pseudonyms_are_not_numbered_as_the_ids_are_sorted(tmp_path: Path) -> None:
     ids = [f"visit-{year}" for year in range(1980, 2020)]
     names = list(pseudonyms_of(ids, tmp_path).values())
     assert sorted(names) != names  # one order of 40! is the ids' own
@@ -115,7 +117,7 @@ def test_pseudonyms_are_not_numbered_as_the_ids_are_sorted(tmp_path: Path):
     assert stat.S_IMODE((tmp_path / "pseudonyms.csv").stat().st_mode) == 0o600
 
 
-def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path):
+def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path) -> None:
     said = workflow("export", "luna16", "--format", "npz,stl")
     assert said.code == 1
     assert f"there is no export format stl. Known: {', '.join(FORMATS)}." in said.stderr
@@ -125,5 +127,5 @@ def test_unknown_formats_and_runs_are_refused(workflow: Workflow, run_copy: Path
     assert "holds no run" in said.stderr
 
 
-def test_all_formats_are_the_default():
+def test_all_formats_are_the_default() -> None:
     assert inspect.signature(export).parameters["formats"].default == ",".join(FORMATS)

@@ -25,7 +25,7 @@ def run_copy(tiny_run: Path, tmp_path: Path) -> Path:
     return copy
 
 
-def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path):
+def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in run_copy.glob("*/stage.json")}
     said = workflow("evaluate", str(run_copy), "--samples", "25", "--jobs", "1")
     assert said.code == 0, said.stderr
@@ -42,7 +42,7 @@ def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path)
 
 def test_retrained_folds_never_see_the_cases_they_are_asked_about(
     workflow: Workflow, run_copy: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     words = ("evaluate", str(run_copy), "--folds", "4", "--retrain", "--jobs", "1")
     said = workflow(*words)
     assert said.code == 0, said.stderr
@@ -87,7 +87,7 @@ def test_retrained_folds_never_see_the_cases_they_are_asked_about(
     assert f"{column}_mm" not in tables["comparison"]
 
 
-def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path):
+def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path) -> None:
     settings = (run_copy / "study.yaml").read_text()
     said = workflow("evaluate", str(run_copy), "--retrain")
     assert said.code == 1
@@ -98,13 +98,13 @@ def test_impossible_folds_are_refused(workflow: Workflow, run_copy: Path):
     assert "each must leave 3 cases" in said.stderr
 
 
-def test_evaluate_wants_a_run(workflow: Workflow, tmp_path: Path):
+def test_evaluate_wants_a_run(workflow: Workflow, tmp_path: Path) -> None:
     said = workflow("evaluate", str(tmp_path / "nowhere"))
     assert said.code == 1
     assert "holds no run; give a folder such as runs/luna16" in said.stderr
 
 
-def test_figures_in_the_formats_asked_for(workflow: Workflow, run_copy: Path):
+def test_figures_in_the_formats_asked_for(workflow: Workflow, run_copy: Path) -> None:
     changes = ("--set", "dpi=60", "--set", "modes=1")
     said = workflow(
         "figures", "luna16", "--runs", str(run_copy.parent), "--format", "png", *changes
@@ -122,7 +122,7 @@ def test_figures_in_the_formats_asked_for(workflow: Workflow, run_copy: Path):
 
 def test_view_opens_the_page(
     workflow: Workflow, run_copy: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
+) -> None:
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
     said = workflow("view", "luna16")
@@ -134,7 +134,7 @@ def test_view_opens_the_page(
     assert len(opened) == 1
 
 
-def test_case_ids_that_look_like_numbers_stay_text(tmp_path: Path):
+def test_case_ids_that_look_like_numbers_stay_text(tmp_path: Path) -> None:
     storage.save_tables(
         Metrics({"fit": pd.DataFrame({"case_id": ["007"], "x_mm": [1.0]})}), tmp_path
     )

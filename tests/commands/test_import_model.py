@@ -31,7 +31,7 @@ def saved(path: Path, scale: float) -> ShapeModel:
     return model
 
 
-def test_a_model_in_micrometres_is_refused_unless_its_unit_is_given(tmp_path: Path):
+def test_a_model_in_micrometres_is_refused_unless_its_unit_is_given(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     model = saved(path, 1000.0)
     with pytest.raises(StudyError, match=r"is 6\.93e\+04 across.*Pass --unit um"):
@@ -42,7 +42,7 @@ def test_a_model_in_micrometres_is_refused_unless_its_unit_is_given(tmp_path: Pa
     np.testing.assert_allclose(run.model.reconstruct([2.0, 1.0]), model.reconstruct([2.0, 1.0]))
 
 
-def test_a_mean_without_extent_is_refused(tmp_path: Path):
+def test_a_mean_without_extent_is_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.npz", 0.0)
     with pytest.raises(StudyError, match="all points of the mean are one point"):
         import_model(tmp_path / "a.npz", None, tmp_path / "runs", (1,), "m")

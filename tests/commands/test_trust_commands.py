@@ -35,7 +35,7 @@ def copy(tiny_run: Path, tmp_path: Path) -> Path:
 
 def test_verify_finds_a_changed_byte_and_the_next_run_mends_it(
     workflow: Workflow, tiny_run: Path, copy: Path
-):
+) -> None:
     assert workflow("verify", str(copy)).code == 0
     mesh = copy / "meshing" / "ball_0" / "mesh.npz"
     whole = mesh.read_bytes()
@@ -51,13 +51,13 @@ def test_verify_finds_a_changed_byte_and_the_next_run_mends_it(
     assert workflow("verify", str(copy)).code == 0
 
 
-def test_verify_of_no_run_says_so(workflow: Workflow, tmp_path: Path):
+def test_verify_of_no_run_says_so(workflow: Workflow, tmp_path: Path) -> None:
     said = workflow("verify", str(tmp_path))
     assert said.code == 1
     assert "holds no run" in said.stderr
 
 
-def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_run: Path):
+def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_run: Path) -> None:
     said = workflow("status", str(tiny_run)).stdout.splitlines()
     assert [line.split()[0] for line in said[1:11]] == [
         "data", "meshing", "cohort_check", "spectral", "training", "correspondence", "groupwise",
@@ -66,7 +66,7 @@ def test_status_of_a_finished_run_has_a_line_a_stage(workflow: Workflow, tiny_ru
     assert said[-1] == "finished"
 
 
-def test_status_of_work_in_hand_gives_its_pace(workflow: Workflow, tmp_path: Path):
+def test_status_of_work_in_hand_gives_its_pace(workflow: Workflow, tmp_path: Path) -> None:
     events = [
         event(0, "run"),
         event(0, "stage started", stage="meshing", cases=10),
@@ -110,7 +110,7 @@ def planned(second: int, steps: int) -> dict[str, object]:
 
 def test_status_foresees_the_stages_to_come_by_what_they_took_before(
     workflow: Workflow, tmp_path: Path
-):
+) -> None:
     """Another run beside it had 10 cases: 20 s of meshing, stopped half-way; 100 s of training."""
     with_log(
         tmp_path / "runs" / "before",
@@ -150,7 +150,9 @@ def test_status_foresees_the_stages_to_come_by_what_they_took_before(
     ]
 
 
-def test_a_run_names_its_stages_for_the_status(workflow: Workflow, tiny_run: Path, tmp_path: Path):
+def test_a_run_names_its_stages_for_the_status(
+    workflow: Workflow, tiny_run: Path, tmp_path: Path
+) -> None:
     """As it would be in the middle of the correspondence, beside the same run, finished."""
     whole = (tiny_run / "run.jsonl").read_text()
     begun = whole[: whole.index('"stage started", "stage": "correspondence"')]
@@ -167,7 +169,7 @@ def test_a_run_names_its_stages_for_the_status(workflow: Workflow, tiny_run: Pat
     assert in_all.startswith("in all: about ")
 
 
-def test_the_log_holds_what_was_said_and_the_traceback_of_a_fault(tmp_path: Path):
+def test_the_log_holds_what_was_said_and_the_traceback_of_a_fault(tmp_path: Path) -> None:
     log = RunLog(tmp_path)
     with pytest.raises(ZeroDivisionError) as error, log.kept_errors():
         _ = 1 / 0
@@ -175,7 +177,7 @@ def test_the_log_holds_what_was_said_and_the_traceback_of_a_fault(tmp_path: Path
     assert error.value.__notes__ == [f"The traceback is in {tmp_path / 'run.log'}."]
 
 
-def test_doctor_names_what_a_report_needs(workflow: Workflow):
+def test_doctor_names_what_a_report_needs(workflow: Workflow) -> None:
     said = workflow("doctor").stdout
     for name in ("python", "torch", "gpu", "cores", "disk", "meshing", "pictures"):
         assert any(line.startswith(name) for line in said.splitlines()), name
@@ -183,7 +185,7 @@ def test_doctor_names_what_a_report_needs(workflow: Workflow):
 
 def test_forget_leaves_no_trace_and_the_next_run_leaves_the_case_out(
     workflow: Workflow, tiny_run: Path, tmp_path: Path
-):
+) -> None:
     masks = write_balls(tmp_path / "masks", 5)
     folder = run_tiny(masks, tmp_path / "runs")
     export = tmp_path / "elsewhere"
@@ -212,7 +214,7 @@ def test_forget_leaves_no_trace_and_the_next_run_leaves_the_case_out(
 
 def test_a_second_export_holds_nothing_of_a_case_left_out_since(
     workflow: Workflow, tiny_run: Path, tmp_path: Path
-):
+) -> None:
     masks = write_balls(tmp_path / "masks", 5)
     folder, export = run_tiny(masks, tmp_path / "runs"), tmp_path / "export"
     assert workflow("export", NAME, "--to", str(export), "--format", "shapeworks,npz").code == 0
@@ -227,20 +229,20 @@ def test_a_second_export_holds_nothing_of_a_case_left_out_since(
     assert mine.exists()
 
 
-def test_a_mistyped_option_is_a_usage_message(workflow: Workflow):
+def test_a_mistyped_option_is_a_usage_message(workflow: Workflow) -> None:
     said = workflow("run", "--nope")
     assert said.code == 2
     assert "No such option" in said.stderr
     assert "fault" not in said.stderr
 
 
-def test_a_traceback_is_shown_with_debug_only(workflow: Workflow):
+def test_a_traceback_is_shown_with_debug_only(workflow: Workflow) -> None:
     assert "Traceback" not in workflow("show", "nope").stderr
     assert "Traceback" in workflow("show", "nope", "--debug").stderr
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_closed_to_us_is_one_message(workflow: Workflow, tmp_path: Path):
+def test_a_folder_closed_to_us_is_one_message(workflow: Workflow, tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir(mode=0o500)
     said = workflow("run", "luna16")
     assert said.code == 1
@@ -248,7 +250,7 @@ def test_a_folder_closed_to_us_is_one_message(workflow: Workflow, tmp_path: Path
     assert "Traceback" not in said.stderr
 
 
-def test_a_runs_folder_that_is_a_file_is_one_message(workflow: Workflow, tmp_path: Path):
+def test_a_runs_folder_that_is_a_file_is_one_message(workflow: Workflow, tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("mine")
     said = workflow("run", "luna16")
     assert said.code == 1
@@ -258,7 +260,7 @@ def test_a_runs_folder_that_is_a_file_is_one_message(workflow: Workflow, tmp_pat
     assert (tmp_path / "runs").read_text() == "mine"
 
 
-def test_ctrl_c_says_that_what_is_finished_is_kept(tmp_path: Path):
+def test_ctrl_c_says_that_what_is_finished_is_kept(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ssm_pipeline", "run", "luna16"]
     run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 120

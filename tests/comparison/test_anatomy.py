@@ -52,7 +52,7 @@ def folder(settings: StudySettings, tmp_path_factory: pytest.TempPathFactory) ->
     return run_study("tubes", settings, options, Terminal(), STAGES[:-1])
 
 
-def test_every_mesh_keeps_the_labels_of_its_mask(folder: Path):
+def test_every_mesh_keeps_the_labels_of_its_mask(folder: Path) -> None:
     run = load_run(folder)
     for case_id in run.cases:
         labels = storage.load(SurfaceLabels, folder / "meshing" / case_id / "labels.npz")
@@ -63,7 +63,7 @@ def test_every_mesh_keeps_the_labels_of_its_mask(folder: Path):
         assert y[labels.labels == 1].max() < y[labels.labels == 2].mean()
 
 
-def test_labels_of_every_method_with_intervals(folder: Path):
+def test_labels_of_every_method_with_intervals(folder: Path) -> None:
     tables = load_run(folder).metrics.tables
     methods = {"full", "nearest point", "true correspondence"}
     assert set(tables["labels"]["method"]) == methods
@@ -81,7 +81,7 @@ def test_labels_of_every_method_with_intervals(folder: Path):
     assert (means["border_high_mm"] >= means["border_mm"]).all()
 
 
-def test_landmarks_of_every_method(folder: Path):
+def test_landmarks_of_every_method(folder: Path) -> None:
     tables = load_run(folder).metrics.tables
     assert len(tables["landmarks"]) == 3 * 4 * 3  # methods, cases, landmarks
     assert set(tables["landmarks"]["landmark"]) == {"a", "b", "c"}
@@ -92,7 +92,7 @@ def test_landmarks_of_every_method(folder: Path):
     assert means.loc["full", "cases"] == 4
 
 
-def test_what_landmark_files_hold_is_part_of_the_key(settings: StudySettings):
+def test_what_landmark_files_hold_is_part_of_the_key(settings: StudySettings) -> None:
     before = what_the_evaluation_rests_on(settings)
     folder = settings.evaluation.landmarks
     assert folder is not None
@@ -110,7 +110,7 @@ def surfaces() -> list[Mesh]:
     return [Mesh(corners, faces, case_id) for case_id in ("one", "two", "three")]
 
 
-def test_landmarks_are_read_in_the_order_of_their_names(tmp_path: Path):
+def test_landmarks_are_read_in_the_order_of_their_names(tmp_path: Path) -> None:
     write_markups(tmp_path, "one", ["x", "y"], np.array([[1.0, 0, 0], [0, 2, 0]]))
     write_markups(tmp_path, "three", ["y", "x"], np.array([[0.0, 3, 0], [4, 0, 0]]))
     names, positions = landmarks_of_cases(tmp_path, surfaces())
@@ -119,7 +119,7 @@ def test_landmarks_are_read_in_the_order_of_their_names(tmp_path: Path):
     np.testing.assert_array_equal(positions["three"], [[4, 0, 0], [0, 3, 0]])
 
 
-def test_landmarks_that_cannot_be_compared_are_refused(tmp_path: Path):
+def test_landmarks_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     on = np.array([[1.0, 0, 0]])
     write_markups(tmp_path, "one", ["x"], on)
     with pytest.raises(StudyError, match=r"landmarks of 1 of the 3 cases.*one\.mrk\.json"):
@@ -132,7 +132,7 @@ def test_landmarks_that_cannot_be_compared_are_refused(tmp_path: Path):
         landmarks_of_cases(tmp_path, surfaces())
 
 
-def test_case_ids_of_digits_stay_text(tmp_path: Path):
+def test_case_ids_of_digits_stay_text(tmp_path: Path) -> None:
     table = pd.DataFrame({"from_case_id": ["007"], "case_id": ["010"], "landmark": ["1"]})
     table.to_csv(tmp_path / "pairs.csv", index=False)
     pd.testing.assert_frame_equal(storage.read_table(tmp_path / "pairs.csv"), table)

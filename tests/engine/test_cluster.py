@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from command_line import Workflow
 from dask_bench import DaskBench
 from faults import results_in
 from toy_bench import Bench
@@ -40,7 +41,9 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path)
 
 
-def test_two_workers_leave_what_one_machine_leaves(dask: DaskBench, bench: Bench, tmp_path: Path):
+def test_two_workers_leave_what_one_machine_leaves(
+    dask: DaskBench, bench: Bench, tmp_path: Path
+) -> None:
     with connected(dask.address) as client:
         bench.run(cluster=DaskCluster(client))
     assert sorted(bench.worked_on) == sorted(NUMBERS)
@@ -50,7 +53,7 @@ def test_two_workers_leave_what_one_machine_leaves(dask: DaskBench, bench: Bench
     assert on_cluster == results_in(tmp_path / "runs" / "toy")
 
 
-def test_a_worker_killed_at_work_loses_no_case(dask: DaskBench, bench: Bench):
+def test_a_worker_killed_at_work_loses_no_case(dask: DaskBench, bench: Bench) -> None:
     write_masks(bench.masks, {"case_11": "kill"})  # kills the worker, and is 7 afterwards
     with connected(dask.address) as client:
         bench.run(cluster=DaskCluster(client))
@@ -61,7 +64,7 @@ def test_a_worker_killed_at_work_loses_no_case(dask: DaskBench, bench: Bench):
     assert bench.worked_on == ["case_11"]  # whose file is another now; no other is redone
 
 
-def test_errors_come_back_as_from_processes(dask: DaskBench, bench: Bench):
+def test_errors_come_back_as_from_processes(dask: DaskBench, bench: Bench) -> None:
     write_masks(bench.masks, {"case_03": "bad"})
     with connected(dask.address) as client:
         said = bench.run(cluster=DaskCluster(client))
@@ -71,7 +74,7 @@ def test_errors_come_back_as_from_processes(dask: DaskBench, bench: Bench):
             bench.run(cluster=DaskCluster(client))
 
 
-def test_what_a_killed_run_left_at_work_is_waited_for(dask: DaskBench, tmp_path: Path):
+def test_what_a_killed_run_left_at_work_is_waited_for(dask: DaskBench, tmp_path: Path) -> None:
     """Its worker goes on until its case is done, and would write beside the run that takes over."""
     begun, ended = tmp_path / "begun", tmp_path / "ended"
     folder = tmp_path / "stage"
@@ -99,7 +102,7 @@ def test_what_a_killed_run_left_at_work_is_waited_for(dask: DaskBench, tmp_path:
     assert '"new"' in (folder / "a" / "case.json").read_text()
 
 
-def test_a_scheduler_that_is_gone_ends_the_run_with_what_to_do(tmp_path: Path):
+def test_a_scheduler_that_is_gone_ends_the_run_with_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "dask").mkdir()
     (tmp_path / "stage").mkdir()
     with DaskBench(tmp_path / "dask", workers=1) as dask, connected(dask.address) as client:
@@ -110,7 +113,9 @@ def test_a_scheduler_that_is_gone_ends_the_run_with_what_to_do(tmp_path: Path):
                 map_cases([CaseTask("a", "key", work)], tmp_path / "stage", DaskCluster(client))
 
 
-def test_no_scheduler_no_worker_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workflow):
+def test_no_scheduler_no_worker_no_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workflow: Workflow
+) -> None:
     monkeypatch.setattr(module, "CONNECT_S", 1.0)
     monkeypatch.setattr(module, "WORKER_S", 1.0)
     said = workflow("run", "phantoms", "--cluster", "tcp://127.0.0.1:1")
@@ -126,7 +131,7 @@ def test_no_scheduler_no_worker_no_extra(tmp_path: Path, monkeypatch: pytest.Mon
     assert "pip install 'ssm-pipeline[cluster]'" in said.stderr
 
 
-def test_a_worker_with_two_threads_is_refused(tmp_path: Path, bench: Bench):
+def test_a_worker_with_two_threads_is_refused(tmp_path: Path, bench: Bench) -> None:
     (tmp_path / "dask").mkdir()
     with DaskBench(tmp_path / "dask", workers=0) as dask:
         dask.workers.append(dask.add_worker(threads=2))
@@ -136,7 +141,7 @@ def test_a_worker_with_two_threads_is_refused(tmp_path: Path, bench: Bench):
     assert bench.worked_on == []
 
 
-def test_workers_that_are_all_lost_end_the_run_after_a_while(tmp_path: Path, bench: Bench):
+def test_workers_that_are_all_lost_end_the_run_after_a_while(tmp_path: Path, bench: Bench) -> None:
     (tmp_path / "dask").mkdir()
     (tmp_path / "stage").mkdir()
     with DaskBench(tmp_path / "dask", workers=1) as dask, connected(dask.address) as client:
@@ -148,7 +153,7 @@ def test_workers_that_are_all_lost_end_the_run_after_a_while(tmp_path: Path, ben
                 map_cases([CaseTask("a", "key", work)], tmp_path / "stage", workers)
 
 
-def test_a_worker_without_the_program_is_named(tmp_path: Path, bench: Bench):
+def test_a_worker_without_the_program_is_named(tmp_path: Path, bench: Bench) -> None:
     (tmp_path / "dask").mkdir()
     (tmp_path / "ssm_pipeline.py").write_text("raise ImportError('nothing of it is here')")
     with DaskBench(tmp_path / "dask", workers=0) as dask:
@@ -162,7 +167,7 @@ def test_a_worker_without_the_program_is_named(tmp_path: Path, bench: Bench):
 
 def test_a_worker_that_sees_other_folders_or_has_other_versions_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     for name in process.THREAD_COUNTS:
         monkeypatch.setenv(name, "1")
     monkeypatch.chdir(tmp_path)
@@ -182,7 +187,9 @@ def test_a_worker_that_sees_other_folders_or_has_other_versions_is_refused(
         refuse(Here(tmp_path, ours), Path("stage"))
 
 
-def test_files_that_never_show_up_here_end_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_files_that_never_show_up_here_end_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A worker whose folder has the same name and is another one."""
     monkeypatch.setattr(module, "SHARED_S", 1.0)
     done = SimpleNamespace(result=lambda: "what a worker says")

@@ -55,7 +55,9 @@ FILES = {
 
 @pytest.mark.parametrize("how", ["gone", "empty", "cut"])
 @pytest.mark.parametrize("name", FILES)
-def test_a_damaged_file_is_made_again_and_no_other_case_is(bench: Bench, name: str, how: str):
+def test_a_damaged_file_is_made_again_and_no_other_case_is(
+    bench: Bench, name: str, how: str
+) -> None:
     whole = results_in(run_folder(bench))
     harm(run_folder(bench) / name, how)
     bench.run()
@@ -64,7 +66,7 @@ def test_a_damaged_file_is_made_again_and_no_other_case_is(bench: Bench, name: s
     assert "nothing to do" in bench.run()
 
 
-def test_records_of_json_but_not_ours_are_made_again(bench: Bench):
+def test_records_of_json_but_not_ours_are_made_again(bench: Bench) -> None:
     for name in ("double/stage.json", "double/b/case.json"):
         for content in ("[]", "{}", '{"key": 1}', "null"):
             (run_folder(bench) / name).write_text(content)
@@ -72,7 +74,7 @@ def test_records_of_json_but_not_ours_are_made_again(bench: Bench):
             assert bench.sum == "20"
 
 
-def test_a_change_that_keeps_the_size_is_found_by_content_only(bench: Bench):
+def test_a_change_that_keeps_the_size_is_found_by_content_only(bench: Bench) -> None:
     harm(run_folder(bench) / "double/b/doubled.txt", "other")
     folder = run_folder(bench) / "double"
     record = StageRecord.read(folder)
@@ -82,21 +84,21 @@ def test_a_change_that_keeps_the_size_is_found_by_content_only(bench: Bench):
     assert error.path == folder / "b" / "doubled.txt"
 
 
-def test_what_a_stage_left_is_of_its_own_files_and_its_cases_records(bench: Bench):
+def test_what_a_stage_left_is_of_its_own_files_and_its_cases_records(bench: Bench) -> None:
     assert set(bench.stage_json("double")["files"]) == {
         "doubled.csv",
         *(f"{case}/case.json" for case in GOOD),
     }
 
 
-def test_the_folder_of_a_lost_owner_is_still_of_its_own_masks(bench: Bench):
+def test_the_folder_of_a_lost_owner_is_still_of_its_own_masks(bench: Bench) -> None:
     (run_folder(bench) / "study.json").unlink()
     (run_folder(bench) / "run.jsonl").unlink()
     with pytest.raises(StudyError, match="nothing else says whose results"):
         bench.run()
 
 
-def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench):
+def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench) -> None:
     (bench.masks / "b.txt").unlink()
     write_masks(bench.masks, {"e": "5"})
     said = bench.run()
@@ -106,7 +108,7 @@ def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench):
     assert bench.sum == "26"
 
 
-def test_a_record_that_names_files_elsewhere_has_none_of_them_deleted(bench: Bench):
+def test_a_record_that_names_files_elsewhere_has_none_of_them_deleted(bench: Bench) -> None:
     precious = bench.folder / "case.json"  # beside the folder of runs
     precious.write_text("mine")
     for record in ("double/stage.json", "double/b/case.json"):
@@ -121,7 +123,7 @@ def test_a_record_that_names_files_elsewhere_has_none_of_them_deleted(bench: Ben
 
 
 @pytest.mark.parametrize("content", ["", "{", "5", "[5]", "{}"])
-def test_no_damage_takes_back_who_withdrew(bench: Bench, content: str):
+def test_no_damage_takes_back_who_withdrew(bench: Bench, content: str) -> None:
     """Other damaged files are made again; of this one there is no other copy."""
     write_masks(bench.masks, {"e": "5"})
     keys = json.loads((run_folder(bench) / "study.json").read_text())["cases"]
@@ -135,7 +137,7 @@ def test_no_damage_takes_back_who_withdrew(bench: Bench, content: str):
     assert bench.worked_on == []
 
 
-def test_a_line_of_the_log_cut_short_does_not_swallow_the_next(bench: Bench):
+def test_a_line_of_the_log_cut_short_does_not_swallow_the_next(bench: Bench) -> None:
     log = run_folder(bench) / "run.jsonl"
     before = list(read_events(run_folder(bench)))
     log.write_bytes(log.read_bytes()[:-9])
@@ -146,7 +148,7 @@ def test_a_line_of_the_log_cut_short_does_not_swallow_the_next(bench: Bench):
 
 
 @pytest.mark.parametrize("cases", [5, ["a"], {"a": 1}])
-def test_an_owner_of_another_kind_is_read_from_the_log(bench: Bench, cases: object):
+def test_an_owner_of_another_kind_is_read_from_the_log(bench: Bench, cases: object) -> None:
     path = run_folder(bench) / "study.json"
     whole = json.loads(path.read_text())
     path.write_text(json.dumps(whole | {"cases": cases}))

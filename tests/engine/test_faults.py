@@ -30,7 +30,7 @@ def bench_in(folder: Path) -> Bench:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_at_every_write_is_survived(tmp_path: Path, fault: str):
+def test_every_fault_at_every_write_is_survived(tmp_path: Path, fault: str) -> None:
     undisturbed = bench_in(tmp_path / "undisturbed")
     writes = writes_of(undisturbed.run)
     whole = results_in(undisturbed.folder / "runs" / "toy")
@@ -41,7 +41,7 @@ def test_every_fault_at_every_write_is_survived(tmp_path: Path, fault: str):
         resumes_as_if_nothing_had_been(bench.run, bench.folder / "runs" / "toy", whole)
 
 
-def test_kills_at_random_moments_are_survived(tmp_path: Path):
+def test_kills_at_random_moments_are_survived(tmp_path: Path) -> None:
     undisturbed = bench_in(tmp_path / "undisturbed")
     start = time.perf_counter()
     run_and_kill(undisturbed.run, 60)
@@ -55,7 +55,7 @@ def test_kills_at_random_moments_are_survived(tmp_path: Path):
         resumes_as_if_nothing_had_been(bench.run, bench.folder / "runs" / "toy", whole)
 
 
-def test_the_harness_sees_a_file_that_stays_torn(tmp_path: Path):
+def test_the_harness_sees_a_file_that_stays_torn(tmp_path: Path) -> None:
     bench = bench_in(tmp_path / "bench")
     bench.run()
     folder = bench.folder / "runs" / "toy"

@@ -26,7 +26,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path)
 
 
-def test_a_run_says_a_line_a_stage_and_leaves_its_record(bench: Bench):
+def test_a_run_says_a_line_a_stage_and_leaves_its_record(bench: Bench) -> None:
     said = bench.run()
     assert bench.sum == "20"
     assert [line.split()[:2] for line in said.splitlines()] == [
@@ -44,7 +44,7 @@ def test_a_run_says_a_line_a_stage_and_leaves_its_record(bench: Bench):
     assert list(table["doubled"]) == [2, 4, 6, 8]
 
 
-def test_a_second_run_does_nothing_and_says_so(bench: Bench):
+def test_a_second_run_does_nothing_and_says_so(bench: Bench) -> None:
     bench.run()
     before = bench.stage_json("sum")
     said = bench.run()
@@ -53,7 +53,7 @@ def test_a_second_run_does_nothing_and_says_so(bench: Bench):
     assert bench.stage_json("sum") == before
 
 
-def test_only_what_depends_on_a_change_is_done_again(bench: Bench):
+def test_only_what_depends_on_a_change_is_done_again(bench: Bench) -> None:
     bench.run()
     assert "up to date" in bench.run(seed=1)  # only `sum` has the seed among its settings
     assert bench.worked_on == []
@@ -69,21 +69,21 @@ def test_only_what_depends_on_a_change_is_done_again(bench: Bench):
     assert bench.sum == "66"
 
 
-def test_a_touched_or_moved_file_of_the_same_content_is_no_change(bench: Bench):
+def test_a_touched_or_moved_file_of_the_same_content_is_no_change(bench: Bench) -> None:
     bench.run()
     os.utime(bench.masks / "a.txt", (0, 0))
     bench.masks = bench.masks.rename(bench.folder / "moved")
     assert "nothing to do" in bench.run()
 
 
-def test_processes_give_what_one_process_gives(bench: Bench, tmp_path: Path):
+def test_processes_give_what_one_process_gives(bench: Bench, tmp_path: Path) -> None:
     bench.run(jobs=2)
     assert sorted(bench.worked_on) == ["a", "b", "c", "d"]
     assert bench.sum == "20"
     assert bench.stage_json("double")["cases_out"] == ["a", "b", "c", "d"]  # in order, always
 
 
-def test_a_bad_case_is_dropped_with_its_reason_and_not_tried_again(bench: Bench):
+def test_a_bad_case_is_dropped_with_its_reason_and_not_tried_again(bench: Bench) -> None:
     write_masks(bench.masks, {"b": "bad", "e": "5"})
     said = bench.run()
     assert "4 of 5 cases" in said
@@ -96,7 +96,7 @@ def test_a_bad_case_is_dropped_with_its_reason_and_not_tried_again(bench: Bench)
     assert bench.worked_on == []
 
 
-def test_fewer_than_four_cases_end_the_run_with_every_reason(bench: Bench):
+def test_fewer_than_four_cases_end_the_run_with_every_reason(bench: Bench) -> None:
     write_masks(bench.masks, {"b": "bad", "c": "bad"})
     with pytest.raises(StudyError, match=r"2 usable cases(?s:.)*b \(double\): no number"):
         bench.run()
@@ -106,7 +106,7 @@ def test_fewer_than_four_cases_end_the_run_with_every_reason(bench: Bench):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_bug_names_the_case_and_leaves_the_rest_finished(bench: Bench, jobs: int):
+def test_a_bug_names_the_case_and_leaves_the_rest_finished(bench: Bench, jobs: int) -> None:
     write_masks(bench.masks, {"d": "bug"})
     with pytest.raises(CaseFailure, match=r"case d: ValueError.*bug") as failure:
         bench.run(jobs=jobs)
@@ -119,7 +119,7 @@ def test_a_bug_names_the_case_and_leaves_the_rest_finished(bench: Bench, jobs: i
         assert bench.worked_on == ["d"]
 
 
-def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench):
+def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench) -> None:
     write_masks(bench.masks, {"c": "kill"})  # the toy turns it into 7 before it dies
     run = multiprocessing.get_context("fork").Process(target=bench.run)
     run.start()
@@ -131,7 +131,7 @@ def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench):
     assert bench.sum == "28"
 
 
-def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench):
+def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench) -> None:
     write_masks(bench.masks, {"c": "kill"})
     with pytest.raises(StudyError, match="want of memory"):
         bench.run(jobs=2)
@@ -149,7 +149,7 @@ def keep_memory(folder: Path) -> dict[str, int]:
     return {"process": os.getpid()}
 
 
-def test_a_worker_may_grow_without_being_taken_for_a_leak(tmp_path: Path):
+def test_a_worker_may_grow_without_being_taken_for_a_leak(tmp_path: Path) -> None:
     """joblib would end it at 300 MB, and warn, which is an error here."""
     tasks = [CaseTask(str(number), "key", keep_memory) for number in range(8)]
     results = map_cases(tasks, tmp_path, Processes(2))
@@ -170,7 +170,7 @@ def wait_for_good(child_file: Path, number: int, parent: int) -> None:
     time.sleep(100)
 
 
-def test_workers_end_with_a_killed_run(tmp_path: Path):
+def test_workers_end_with_a_killed_run(tmp_path: Path) -> None:
     parent_file, child_file = tmp_path / "parent", tmp_path / "child"
     code = (
         f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
@@ -194,7 +194,7 @@ def test_workers_end_with_a_killed_run(tmp_path: Path):
     assert not alive
 
 
-def test_a_stage_cut_off_leaves_no_later_stage_looking_finished(bench: Bench):
+def test_a_stage_cut_off_leaves_no_later_stage_looking_finished(bench: Bench) -> None:
     bench.run()
     write_masks(bench.masks, {"d": "bug"})
     with pytest.raises(CaseFailure):
@@ -203,7 +203,9 @@ def test_a_stage_cut_off_leaves_no_later_stage_looking_finished(bench: Bench):
     assert finished == {"data"}
 
 
-def test_a_half_written_stage_record_can_not_exist(bench: Bench, monkeypatch: pytest.MonkeyPatch):
+def test_a_half_written_stage_record_can_not_exist(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench.run()
     before = bench.stage_json("sum")
 
@@ -220,7 +222,7 @@ def test_a_half_written_stage_record_can_not_exist(bench: Bench, monkeypatch: py
     assert bench.stage_json("sum")["key"] != before["key"]
 
 
-def test_a_folder_of_other_masks_is_refused(bench: Bench):
+def test_a_folder_of_other_masks_is_refused(bench: Bench) -> None:
     bench.run()
     other = Bench(bench.folder)
     other.masks = bench.folder / "other"
@@ -230,7 +232,7 @@ def test_a_folder_of_other_masks_is_refused(bench: Bench):
     assert bench.sum == "20"
 
 
-def test_a_folder_that_is_no_run_is_refused(bench: Bench):
+def test_a_folder_that_is_no_run_is_refused(bench: Bench) -> None:
     precious = bench.folder / "runs" / "toy" / "thesis.txt"
     precious.parent.mkdir(parents=True)
     precious.write_text("mine")
@@ -239,14 +241,14 @@ def test_a_folder_that_is_no_run_is_refused(bench: Bench):
     assert [path.name for path in precious.parent.iterdir()] == ["thesis.txt"]
 
 
-def test_a_renamed_run_of_another_study_is_refused(bench: Bench):
+def test_a_renamed_run_of_another_study_is_refused(bench: Bench) -> None:
     bench.run(name="first")
     (bench.folder / "runs" / "first").rename(bench.folder / "runs" / "toy")
     with pytest.raises(StudyError, match="belongs to the study first, not toy"):
         bench.run()
 
 
-def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench):
+def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench) -> None:
     from ssm_pipeline.engine.ownership import alone_in
 
     with alone_in(bench.folder / "runs" / "toy"):
@@ -255,14 +257,14 @@ def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench):
     assert "[3/3]" in bench.run()
 
 
-def test_three_cases_are_too_few_before_any_work(bench: Bench):
+def test_three_cases_are_too_few_before_any_work(bench: Bench) -> None:
     (bench.masks / "d.txt").unlink()
     with pytest.raises(StudyError, match="3 cases were found; a shape model needs at least 4"):
         bench.run()
     assert bench.worked_on == []
 
 
-def test_copies_of_one_file_are_refused_before_any_work(bench: Bench):
+def test_copies_of_one_file_are_refused_before_any_work(bench: Bench) -> None:
     write_masks(bench.masks, dict.fromkeys(GOOD, "1"))
     with pytest.raises(StudyError, match="all 4 cases are copies of one file"):
         bench.run()

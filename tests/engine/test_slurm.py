@@ -48,7 +48,7 @@ def write_yaml(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_workers_are_slurm_jobs_that_end_with_the_run(slurm: Path, tmp_path: Path):
+def test_workers_are_slurm_jobs_that_end_with_the_run(slurm: Path, tmp_path: Path) -> None:
     write_masks(tmp_path / "masks", GOOD)
     bench = Bench(tmp_path)
     path = write_yaml(
@@ -79,13 +79,15 @@ def test_workers_are_slurm_jobs_that_end_with_the_run(slurm: Path, tmp_path: Pat
         ("", "holds no settings"),
     ],
 )
-def test_a_file_that_is_no_such_yaml_is_refused(tmp_path: Path, text: str, said: str):
+def test_a_file_that_is_no_such_yaml_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(StudyError) as error:
         cluster_at(write_yaml(tmp_path, text), Terminal()).__enter__()
     assert said in str(error.value)
 
 
-def test_a_job_that_slurm_refuses_ends_the_run_before_it_begins(slurm: Path, tmp_path: Path):
+def test_a_job_that_slurm_refuses_ends_the_run_before_it_begins(
+    slurm: Path, tmp_path: Path
+) -> None:
     (slurm / "sbatch").write_text("#!/bin/sh\necho Invalid account >&2\nexit 1\n")
     with pytest.raises(StudyError, match=r"(?s)Slurm does not take the job: .*Invalid account"):
         cluster_at(write_yaml(tmp_path, "workers: 1\ninterface: lo\n"), Terminal()).__enter__()
@@ -93,7 +95,7 @@ def test_a_job_that_slurm_refuses_ends_the_run_before_it_begins(slurm: Path, tmp
 
 def test_a_missing_file_and_a_missing_sbatch_are_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     with pytest.raises(StudyError, match="there is no such file"):
         cluster_at(str(tmp_path / "slurm.yaml"), Terminal()).__enter__()
     monkeypatch.setenv("PATH", str(tmp_path))

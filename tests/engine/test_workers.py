@@ -30,7 +30,7 @@ capped_only = pytest.mark.skipif(
 )
 def test_a_case_that_wants_more_memory_ends_the_run_and_is_not_dropped(
     tmp_path: Path, capped: Workers, free: Workers
-):
+) -> None:
     tasks = [CaseTask("small", "key", partial(take_memory, 10))]
     tasks += [CaseTask("large", "key", partial(take_memory, 3000))]
     with pytest.raises(
@@ -43,7 +43,9 @@ def test_a_case_that_wants_more_memory_ends_the_run_and_is_not_dropped(
     assert [result.dropped for result in results] == [None, None]
 
 
-def test_a_worker_has_one_thread_for_every_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_worker_has_one_thread_for_every_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in process.THREAD_COUNTS:
         monkeypatch.setenv(name, "3")  # what the machine says; a worker has its own
     tasks = [CaseTask(case_id, "key", count_threads) for case_id in ("a", "b")]
@@ -51,7 +53,7 @@ def test_a_worker_has_one_thread_for_every_library(tmp_path: Path, monkeypatch: 
     assert rows == 2 * [dict.fromkeys(("pykdtree", "scipy", "torch"), 0)]
 
 
-def test_without_that_the_libraries_take_more(tmp_path: Path):
+def test_without_that_the_libraries_take_more(tmp_path: Path) -> None:
     """Or the test above would pass whatever a worker does."""
     code = "import sys, toy_study, pathlib; print(toy_study.count_threads(pathlib.Path()))"
     said = subprocess.run(

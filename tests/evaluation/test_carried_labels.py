@@ -57,7 +57,7 @@ def scored(borders: list[float], slip: float = 0.0, points: int = 20_000) -> pd.
     return carried_labels(*cohort(borders, slip), points, np.random.default_rng(0))
 
 
-def test_equal_labels_and_perfect_matches_disagree_nowhere():
+def test_equal_labels_and_perfect_matches_disagree_nowhere() -> None:
     table = scored([30.0, 30.0, 30.0])
     assert len(table) == 6
     assert (table["from_case_id"] != table["case_id"]).all()
@@ -65,7 +65,7 @@ def test_equal_labels_and_perfect_matches_disagree_nowhere():
 
 
 @pytest.mark.parametrize("shift", [0.5, 2.0, 7.0])
-def test_a_border_elsewhere_is_misplaced_by_as_much(shift):
+def test_a_border_elsewhere_is_misplaced_by_as_much(shift) -> None:
     table = scored([30.0, 30.0 + shift])
     vertices, faces = cylinder()
     band = 2 * np.pi * RADIUS * shift / area(vertices, faces)
@@ -74,20 +74,20 @@ def test_a_border_elsewhere_is_misplaced_by_as_much(shift):
     assert table["disagree_percent"].to_numpy() == pytest.approx(100 * band, rel=rel)
 
 
-def test_a_slip_of_the_matches_is_found_where_labels_agree():
+def test_a_slip_of_the_matches_is_found_where_labels_agree() -> None:
     table = scored([30.0, 30.0, 30.0], slip=3.0).set_index(["from_case_id", "case_id"])
     assert table.loc[("c0", "c2"), "border_mm"] == pytest.approx(3, rel=0.05)
     assert table.loc[("c2", "c0"), "border_mm"] == pytest.approx(3, rel=0.05)
     assert table.loc[("c0", "c1"), "border_mm"] == 0
 
 
-def test_a_slip_that_undoes_the_shift_is_no_error():
+def test_a_slip_that_undoes_the_shift_is_no_error() -> None:
     table = scored([30.0, 33.0], slip=3.0)
     # Within a part of the 1.5 mm between rings.
     assert table["border_mm"].max() < 0.1
 
 
-def test_length_of_a_border_around_and_of_two():
+def test_length_of_a_border_around_and_of_two() -> None:
     vertices, faces = cylinder()
     mesh = Mesh(vertices, faces, "c")
     around = 48 * 2 * RADIUS * np.sin(np.pi / 48)  # of the polygon
@@ -98,7 +98,7 @@ def test_length_of_a_border_around_and_of_two():
     assert border_length(vertices, faces, np.ones((len(z), 1))) == 0
 
 
-def test_labels_that_a_case_lacks():
+def test_labels_that_a_case_lacks() -> None:
     shapes, meshes, labels = cohort([30.0, 30.0])
     whole = SurfaceLabels("c1", np.array([2]), np.ones((len(meshes[1].vertices), 1)))
     table = carried_labels(shapes, meshes, [labels[0], whole], 5000, np.random.default_rng(0))
@@ -106,7 +106,7 @@ def test_labels_that_a_case_lacks():
     assert np.isnan(table.set_index("case_id").loc["c1", "border_mm"])
 
 
-def test_means_and_differences_over_pairs():
+def test_means_and_differences_over_pairs() -> None:
     good, bad = scored([30.0, 30.0, 30.0, 32.0]), scored([30.0, 30.0, 30.0, 32.0], slip=-2.0)
     table = label_means({"full": good, "other": bad}, "full", 500, np.random.default_rng(0))
     rows = table.set_index("method")
@@ -121,7 +121,7 @@ def test_means_and_differences_over_pairs():
     assert cases.loc["c0", "border_mm"] == pytest.approx(2 / 3, rel=0.05)
 
 
-def test_pairs_lie_from_row_to_column():
+def test_pairs_lie_from_row_to_column() -> None:
     matrix = as_matrix(
         pd.DataFrame({"from_case_id": ["a"], "case_id": ["b"], "x": [5.0]}), "x", ["a", "b"]
     )
@@ -129,7 +129,7 @@ def test_pairs_lie_from_row_to_column():
     assert np.isnan(matrix[[0, 1, 1], [0, 0, 1]]).all()
 
 
-def test_the_interval_covers_the_mean_as_often_as_it_says():
+def test_the_interval_covers_the_mean_as_often_as_it_says() -> None:
     """Pairs that share a case's own effect: independent pairs would be covered far too seldom."""
     generator, covered, trials, count = np.random.default_rng(5), 0, 200, 25
     for _ in range(trials):
@@ -142,7 +142,7 @@ def test_the_interval_covers_the_mean_as_often_as_it_says():
     assert 0.87 < covered / trials <= 1
 
 
-def test_pairs_without_a_value_are_left_out():
+def test_pairs_without_a_value_are_left_out() -> None:
     pairs = np.array([[9.0, 1, np.nan], [3, 9, 5], [np.nan, np.nan, 9]])
     assert pair_interval(pairs, np.ones((1, 3))).mean == 3
     assert np.isnan(pair_interval(np.full((2, 2), np.nan), np.ones((1, 2))).mean)

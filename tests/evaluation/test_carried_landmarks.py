@@ -29,14 +29,14 @@ def cohort(slip: float = 0.0) -> tuple[CorrespondedShapes, dict[str, np.ndarray]
     return CorrespondedShapes(np.stack(points), faces, tuple(radii), "a"), marks
 
 
-def test_exact_matches_carry_landmarks_exactly():
+def test_exact_matches_carry_landmarks_exactly() -> None:
     shapes, marks = cohort()
     table = carried_landmarks(shapes, marks, NAMES)
     assert len(table) == 3 * 2 * 2
     assert table["error_mm"].max() < 1e-9
 
 
-def test_a_slip_by_a_known_angle():
+def test_a_slip_by_a_known_angle() -> None:
     shapes, marks = cohort(slip=0.1)
     table = carried_landmarks(shapes, marks, NAMES).set_index(["from_case_id", "case_id"])
     sine = np.linalg.norm(sphere(4)[0][[0, 5], :2], axis=1)
@@ -48,7 +48,7 @@ def test_a_slip_by_a_known_angle():
     np.testing.assert_allclose(table.loc[("c", "a"), "error_mm"], expected, atol=0.1)
 
 
-def test_cases_without_landmarks_are_left_out_and_means_add_up():
+def test_cases_without_landmarks_are_left_out_and_means_add_up() -> None:
     shapes, marks = cohort(slip=0.1)
     table = carried_landmarks(shapes, {case: marks[case] for case in "ac"}, NAMES)
     assert set(table["case_id"]) == {"a", "c"}

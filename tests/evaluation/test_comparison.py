@@ -32,7 +32,7 @@ def metrics(offset: float, case_ids: str = "abcd", points: int = 100) -> Metrics
     return Metrics(tables)
 
 
-def test_table_by_hand():
+def test_table_by_hand() -> None:
     table = compare(
         {"ours": metrics(-0.5), "base": metrics(0)}, "base", 1000, np.random.default_rng(0)
     ).set_index("method")
@@ -69,7 +69,7 @@ def with_draws(metrics: Metrics, shift: float) -> Metrics:
     return Metrics(metrics.tables | own)
 
 
-def test_specificity_is_compared_draw_by_draw():
+def test_specificity_is_compared_draw_by_draw() -> None:
     methods = {
         name: with_draws(metrics(0), shift)
         for name, shift in (("base", 0.0), ("same", 0.0), ("worse", 0.3))
@@ -84,7 +84,7 @@ def test_specificity_is_compared_draw_by_draw():
     assert table.loc["worse", "specificity_surface_p"] < 1e-6
 
 
-def test_methods_scored_differently_are_refused():
+def test_methods_scored_differently_are_refused() -> None:
     generator = np.random.default_rng(0)
     with pytest.raises(ValueError, match="different numbers of points"):
         compare({"a": metrics(0), "b": metrics(0, points=50)}, "a", 100, generator)
@@ -96,7 +96,7 @@ def test_methods_scored_differently_are_refused():
         compare({"a": metrics(0)}, "a", 100, generator, modes={"a": 7})
 
 
-def test_each_method_at_its_own_number_of_modes():
+def test_each_method_at_its_own_number_of_modes() -> None:
     one_mode_holds, two_modes_hold = metrics(0), metrics(0)
     one_mode_holds.tables["compactness"] = pd.DataFrame(
         {"modes": [1, 2], "share": [0.97, 1], "variance_per_point_mm2": [9.7, 0.3]}
@@ -112,7 +112,7 @@ def test_each_method_at_its_own_number_of_modes():
     assert table["generalisation_chamfer_difference_mm"].tolist() == pytest.approx([1.25, 0])
 
 
-def test_a_number_of_modes_that_was_not_scored_is_not_replaced_silently():
+def test_a_number_of_modes_that_was_not_scored_is_not_replaced_silently() -> None:
     found = metrics(0)
     found.tables["generalisation"] = found.tables["generalisation"].query("modes == 2")
     found.tables["compactness"]["share"] = [0.97, 1.0]
@@ -120,7 +120,7 @@ def test_a_number_of_modes_that_was_not_scored_is_not_replaced_silently():
         modes_holding(found, 0.95)
 
 
-def test_modes_that_only_some_cases_were_scored_at_are_not_compared():
+def test_modes_that_only_some_cases_were_scored_at_are_not_compared() -> None:
     """Folds of unlike size give models of unlike size; a mean needs every case."""
     partial = metrics(0)
     cases = partial.tables["generalisation"]

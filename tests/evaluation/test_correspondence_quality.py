@@ -18,7 +18,7 @@ def quality(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh, reference: np.n
     return table.iloc[0]
 
 
-def test_perfect_correspondence():
+def test_perfect_correspondence() -> None:
     vertices, faces = sphere(3, 50)
     row = quality(vertices, faces, Mesh(vertices, faces, "a"), vertices)
     assert row["case_id"] == "a"
@@ -32,14 +32,14 @@ def test_perfect_correspondence():
     assert row["coverage_mm"] == pytest.approx(1.5 * mean_edge, rel=0.03)  # nearly even triangles
 
 
-def test_offset_surface_is_measured_in_mm():
+def test_offset_surface_is_measured_in_mm() -> None:
     vertices, faces = sphere(4, 50)
     row = quality(vertices * 1.04, faces, Mesh(vertices, faces, "a"), vertices)
     for column in ("to_case_mm", "from_case_mm", "surface_mm", "hd95_mm"):
         assert row[column] == pytest.approx(2, abs=0.05)  # the facets' sagitta
 
 
-def test_half_of_the_case_left_uncovered():
+def test_half_of_the_case_left_uncovered() -> None:
     vertices, faces = sphere(4, 50)
     folded = vertices * [1, 1, np.nan]
     folded[:, 2] = np.abs(vertices[:, 2])  # the lower half is folded onto the upper
@@ -54,7 +54,7 @@ def test_half_of_the_case_left_uncovered():
     assert row["to_case_mm"] == pytest.approx(0, abs=0.1)  # one direction alone sees nothing
 
 
-def test_collapsed_template_is_uncovered_and_flipped():
+def test_collapsed_template_is_uncovered_and_flipped() -> None:
     vertices, faces = sphere(3, 50)
     row = quality(
         np.repeat(vertices[:1], len(vertices), axis=0), faces, Mesh(vertices, faces, "a"), vertices
@@ -64,6 +64,6 @@ def test_collapsed_template_is_uncovered_and_flipped():
     assert row["distinct_percent"] < 1
 
 
-def test_inside_out_template_is_all_flipped():
+def test_inside_out_template_is_all_flipped() -> None:
     vertices, faces = sphere(3, 50)
     assert flipped_share(vertices, faces[:, ::-1], Mesh(vertices, faces, "a")) == 1

@@ -25,7 +25,7 @@ def scored(cohort):
     return evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7))
 
 
-def test_all_tables_with_method_and_seed(scored):
+def test_all_tables_with_method_and_seed(scored) -> None:
     assert set(scored.tables) == {
         "compactness",
         "generalisation",
@@ -46,14 +46,14 @@ def test_all_tables_with_method_and_seed(scored):
     assert scored.tables["specificity"]["modes"].max() == 4
 
 
-def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, scored):
+def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, scored) -> None:
     shapes, meshes = cohort
     again = evaluate_method("ours", shapes, meshes[::-1], Scoring(SETTINGS, seed=7, jobs=2))
     for name, table in scored.tables.items():
         pd.testing.assert_frame_equal(table, again.tables[name])
 
 
-def test_a_thinned_curve_can_still_be_compared(cohort):
+def test_a_thinned_curve_can_still_be_compared(cohort) -> None:
     """Generalisation has a mode fewer than specificity: two even choices of numbers don't meet."""
     settings = SETTINGS.model_copy(update={"mode_counts": 2, "samples": 5, "surface_samples": 2})
     metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
@@ -63,7 +63,7 @@ def test_a_thinned_curve_can_still_be_compared(cohort):
     assert table["modes"].item() == 3
 
 
-def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort):
+def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort) -> None:
     shapes, _ = cohort
     blown_up = shapes.vertices + 3 * (shapes.vertices - shapes.vertices.mean(axis=1)[:, None]) / 50
     metrics = evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7), fitted=blown_up)
@@ -72,7 +72,7 @@ def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort):
     assert (fits["fitted_surface_mm"] > 1).all()
 
 
-def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort):
+def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort) -> None:
     settings = SETTINGS.model_copy(
         update={"mode_counts": 1, "jackknife_samples": 0, "fit_surfaces": False}
     )
@@ -83,7 +83,7 @@ def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort):
     assert {"specificity_jackknife", "surface_fits"}.isdisjoint(metrics.tables)
 
 
-def test_a_case_is_nearest_to_the_one_most_like_it(cohort):
+def test_a_case_is_nearest_to_the_one_most_like_it(cohort) -> None:
     _, meshes = cohort
     near = Mesh(meshes[0].vertices + 0.5, meshes[0].faces, "near")
     generator = np.random.default_rng(0)
@@ -94,7 +94,9 @@ def test_a_case_is_nearest_to_the_one_most_like_it(cohort):
     assert (table["chamfer_floor_mm"] > 0).all()
 
 
-def test_of_many_cases_some_are_asked_and_compared_in_full_with_the_nearest(monkeypatch):
+def test_of_many_cases_some_are_asked_and_compared_in_full_with_the_nearest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     _, meshes = wavy_cohort(15)
     whole = nearest_other_cases(meshes, SETTINGS, np.random.default_rng(0))
     monkeypatch.setattr(nearest_case, "CANDIDATES", len(meshes))

@@ -33,7 +33,7 @@ def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
     return corresponded, [Mesh(s, rest.faces, i) for s, i in zip(shapes, ids, strict=True)], w
 
 
-def test_generalisation_of_a_case_outside_the_span_is_its_residual():
+def test_generalisation_of_a_case_outside_the_span_is_its_residual() -> None:
     shapes, meshes, w = residual_case()
     settings = EvaluationSettings(points=64)
     table = generalisation(AlignedCohort(shapes, meshes), settings, np.random.default_rng(0))
@@ -45,7 +45,7 @@ def test_generalisation_of_a_case_outside_the_span_is_its_residual():
     assert held["surface_mm"].to_numpy() == pytest.approx(residual, abs=1e-3)
 
 
-def test_generalisation_of_scaled_copies_is_zero():
+def test_generalisation_of_scaled_copies_is_zero() -> None:
     # Every held-out shape lies in the one-mode span of the others, however far out.
     rest = speckles(lattice(4), "rest")
     shapes = np.stack([rest.vertices * scale for scale in (0.9, 0.95, 1.0, 1.02, 1.1)])
@@ -59,7 +59,7 @@ def test_generalisation_of_scaled_copies_is_zero():
     assert table["chamfer_mm"].max() < 1e-3
 
 
-def test_leave_one_out_equals_a_loop_written_out():
+def test_leave_one_out_equals_a_loop_written_out() -> None:
     corresponded, meshes = wavy_cohort(6)
     cohort, _ = align_cohort(corresponded, meshes)
     table = generalisation(cohort, EvaluationSettings(), np.random.default_rng(0))
@@ -87,7 +87,7 @@ def test_leave_one_out_equals_a_loop_written_out():
             assert row["hd95_mm"].item() == pytest.approx(hd95, rel=1e-6)
 
 
-def test_generalisation_does_not_depend_on_pose():
+def test_generalisation_does_not_depend_on_pose() -> None:
     corresponded, meshes = wavy_cohort(5)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turned = dataclasses.replace(corresponded, vertices=corresponded.vertices @ turn.T + 500)
@@ -100,7 +100,7 @@ def test_generalisation_does_not_depend_on_pose():
         assert tables[0][column].to_numpy() == pytest.approx(tables[1][column].to_numpy(), rel=1e-5)
 
 
-def test_folds_hold_out_every_case_once():
+def test_folds_hold_out_every_case_once() -> None:
     corresponded, meshes = wavy_cohort(7)
     cohort, _ = align_cohort(corresponded, meshes)
     settings, folds = EvaluationSettings(points=200), held_out_folds(7, 3, seed=5)
@@ -111,7 +111,7 @@ def test_folds_hold_out_every_case_once():
     assert table["modes"].max() == 3
 
 
-def test_a_held_out_fold_is_unknown_to_its_model():
+def test_a_held_out_fold_is_unknown_to_its_model() -> None:
     """Whatever else is in the fold: its cases are scored as if it alone had been left out."""
     corresponded, meshes = wavy_cohort(7)
     cohort, _ = align_cohort(corresponded, meshes)
@@ -129,13 +129,13 @@ def test_a_held_out_fold_is_unknown_to_its_model():
         assert np.allclose(old, new, rtol=1e-9) == is_same, case_id
 
 
-def test_folds_are_the_same_for_every_method():
+def test_folds_are_the_same_for_every_method() -> None:
     first, again = held_out_folds(22, 5, seed=3), held_out_folds(22, 5, seed=3)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert sorted(map(len, first)) == [4, 4, 4, 5, 5]
 
 
-def test_of_hundreds_of_cases_a_hundred_folds_are_held_out():
+def test_of_hundreds_of_cases_a_hundred_folds_are_held_out() -> None:
     folds = held_out_folds(250, 0, seed=3)
     assert len(folds) == 100
     assert sorted(np.concatenate(folds)) == list(range(250))
@@ -145,7 +145,7 @@ def test_of_hundreds_of_cases_a_hundred_folds_are_held_out():
         assert {patients[case] for case in fold} <= {patients[case] for case in fold if case % 2}
 
 
-def test_mean_over_cases():
+def test_mean_over_cases() -> None:
     corresponded, meshes = wavy_cohort(5)
     cohort, _ = align_cohort(corresponded, meshes)
     cases = generalisation(cohort, EvaluationSettings(), np.random.default_rng(0))
@@ -157,14 +157,14 @@ def test_mean_over_cases():
     assert row["samples"].item() == 5
 
 
-def test_compactness_reaches_one():
+def test_compactness_reaches_one() -> None:
     corresponded, _ = wavy_cohort(6)
     table = compactness(pca_model(align(corresponded)[0]))
     assert table["share"].is_monotonic_increasing
     assert table["share"].iloc[-1] == pytest.approx(1)
 
 
-def test_mode_counts():
+def test_mode_counts() -> None:
     assert mode_counts(5, 24) == [1, 2, 3, 4, 5]
     spread = mode_counts(100, 24)
     assert len(spread) == 24
@@ -173,7 +173,7 @@ def test_mode_counts():
     assert mode_counts(9, 1) == [1]
 
 
-def test_clear_errors():
+def test_clear_errors() -> None:
     corresponded, meshes = wavy_cohort(5)
     with pytest.raises(StudyError, match="case_04"):
         align_cohort(corresponded, meshes[:4])
@@ -186,7 +186,7 @@ def test_clear_errors():
         held_out_folds(4, 2, seed=0)
 
 
-def test_a_patients_cases_are_held_out_together():
+def test_a_patients_cases_are_held_out_together() -> None:
     patients = [f"p{case // 2}" for case in range(20)]
     folds = held_out_folds(20, 3, seed=1, patients=patients)
     assert sorted(np.concatenate(folds)) == list(range(20))

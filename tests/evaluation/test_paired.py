@@ -15,7 +15,7 @@ from ssm_pipeline.evaluation.specificity_jackknife import without_each
 from ssm_pipeline.shape_model.alignment import align
 
 
-def test_cases_are_paired_by_name_and_not_by_row():
+def test_cases_are_paired_by_name_and_not_by_row() -> None:
     base = pd.DataFrame({"case_id": list("abcd"), "x_mm": [1.0, 2, 3, 4]})
     shuffled = base.sample(frac=1, random_state=1)
     result = over_cases(shuffled, base, "x_mm", 500, np.random.default_rng(0))
@@ -23,7 +23,7 @@ def test_cases_are_paired_by_name_and_not_by_row():
     assert result.p == 1
 
 
-def test_a_bootstrap_in_parts_is_the_bootstrap(monkeypatch: pytest.MonkeyPatch):
+def test_a_bootstrap_in_parts_is_the_bootstrap(monkeypatch: pytest.MonkeyPatch) -> None:
     ids = [str(number) for number in range(30)]
     base = pd.DataFrame({"case_id": ids, "x_mm": 0.0})
     own = base.assign(x_mm=np.random.default_rng(1).normal(0.2, 1, 30))
@@ -32,7 +32,7 @@ def test_a_bootstrap_in_parts_is_the_bootstrap(monkeypatch: pytest.MonkeyPatch):
     assert over_cases(own, base, "x_mm", 500, np.random.default_rng(0)) == whole
 
 
-def test_interval_covers_the_truth_as_often_as_it_says():
+def test_interval_covers_the_truth_as_often_as_it_says() -> None:
     generator = np.random.default_rng(0)
     ids, covered, found = [str(i) for i in range(40)], 0, 0
     base = pd.DataFrame({"case_id": ids, "x_mm": 5.0})
@@ -46,7 +46,7 @@ def test_interval_covers_the_truth_as_often_as_it_says():
     assert found / 200 <= 0.12  # and its p a little small
 
 
-def test_intervals_hold_where_a_patient_has_two_cases():
+def test_intervals_hold_where_a_patient_has_two_cases() -> None:
     """Both sides of a patient differ alike: twelve patients are twelve, not twenty-four."""
     generator = np.random.default_rng(2)
     ids = [f"{number:02d}" for number in range(24)]
@@ -66,7 +66,7 @@ def test_intervals_hold_where_a_patient_has_two_cases():
     assert covered["case"] / 200 <= 0.86  # what it would be worth to forget it
 
 
-def test_jackknife_covers_the_truth_as_often_as_it_says():
+def test_jackknife_covers_the_truth_as_often_as_it_says() -> None:
     """A difference that is the mean of what each case contributes: its error is known, σ/√N."""
     generator, covered, count = np.random.default_rng(1), 0, 25
     ids = [f"{i:02d}" for i in range(count)]
@@ -85,14 +85,14 @@ def test_jackknife_covers_the_truth_as_often_as_it_says():
     assert 0.88 <= covered / 200 <= 0.99
 
 
-def test_holm_by_hand():
+def test_holm_by_hand() -> None:
     # Sorted 0.01, 0.02, 0.04: times 3, 2, 1 and never falling.
     assert holm([0.04, np.nan, 0.01, 0.02])[[0, 2, 3]] == pytest.approx([0.04, 0.03, 0.04])
     assert np.isnan(holm([0.04, np.nan])[1])
     assert holm([0.9, 0.8]).tolist() == [1.0, 1.0]
 
 
-def test_models_without_each_case_do_not_look_at_its_mesh():
+def test_models_without_each_case_do_not_look_at_its_mesh() -> None:
     shapes, meshes = wavy_cohort(6, subdivisions=2)
     aligned, _ = align(shapes)
     settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=40)
@@ -108,7 +108,7 @@ def test_models_without_each_case_do_not_look_at_its_mesh():
     assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
 
 
-def test_a_patients_cases_are_left_out_together():
+def test_a_patients_cases_are_left_out_together() -> None:
     shapes, meshes = wavy_cohort(8, subdivisions=2)
     cohort = AlignedCohort(align(shapes)[0], meshes)
     settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=40)

@@ -69,7 +69,7 @@ def written_out(truth: PhantomTruth, turn: np.ndarray | None = None) -> Correspo
     return CorrespondedShapes(np.stack(points), faces, truth.case_ids, truth.case_ids[0])
 
 
-def test_points_written_out_have_no_error():
+def test_points_written_out_have_no_error() -> None:
     truth = phantom((2.0,), count=4)
     table = correspondence_errors(written_out(truth), template_of(truth), truth)
     assert table["case_id"].tolist() == list(truth.case_ids[1:])
@@ -79,14 +79,14 @@ def test_points_written_out_have_no_error():
     assert (table["scored_percent"] == 100).all()
 
 
-def test_true_correspondence_is_where_the_formula_says():
+def test_true_correspondence_is_where_the_formula_says() -> None:
     truth = phantom((2.0,), count=4)
     found = true_correspondence(template_of(truth), truth, truth.case_ids)
     expected = written_out(truth).vertices
     assert np.linalg.norm(found.vertices - expected, axis=2).max() < 0.1
 
 
-def test_what_is_out_of_view_is_not_scored():
+def test_what_is_out_of_view_is_not_scored() -> None:
     # Beyond z = 20 mm of case 2 nothing is seen, and there the matches are wrong by 30 mm.
     truth = phantom((0.0,), count=4)
     hidden = truth.mean[:, 2] > 20
@@ -113,7 +113,7 @@ def test_what_is_out_of_view_is_not_scored():
 
 
 @pytest.mark.parametrize(("flattened", "kept"), [(1.0, 1.0), (0.5, 0.25), (1.2, 1.44)])
-def test_variance_kept_of_a_flattened_cohort(flattened, kept):
+def test_variance_kept_of_a_flattened_cohort(flattened, kept) -> None:
     # Deviations from the mean times f: variances times f².
     truth = phantom((2.0,), count=6)
     upright = truth.mean + np.tensordot(truth.scores, truth.modes, axes=1)
@@ -126,7 +126,7 @@ def test_variance_kept_of_a_flattened_cohort(flattened, kept):
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.2, 1.0])
-def test_a_known_slip_over_the_surface(angle):
+def test_a_known_slip_over_the_surface(angle) -> None:
     # Without deformation all cases are the sphere; matches turned about an axis of its own by α
     # are wrong by 2 r asin(sin θ sin(α/2)).
     truth = phantom((0.0,), count=3)
@@ -142,7 +142,7 @@ def test_a_known_slip_over_the_surface(angle):
     assert found["geodesic_x100"].to_numpy() == pytest.approx(over_area, rel=0.015)
 
 
-def test_the_floor_and_the_model_are_told_apart():
+def test_the_floor_and_the_model_are_told_apart() -> None:
     # The model has the true modes, the floor is given others: only the floor's angles are wide.
     truth = phantom((2.0,))
     template = template_of(truth)
@@ -158,7 +158,7 @@ def test_the_floor_and_the_model_are_told_apart():
     assert table["floor_variance_mm2"].item() == pytest.approx(other.variances[0])
 
 
-def test_the_floor_recovers_the_true_modes():
+def test_the_floor_recovers_the_true_modes() -> None:
     truth = phantom((2.0, 1.0))
     template = template_of(truth)
     floor = pca_model(align(true_correspondence(template, truth, truth.case_ids))[0])
@@ -173,7 +173,7 @@ def test_the_floor_recovers_the_true_modes():
     assert (table["angle_degrees"] > table["floor_angle_degrees"] + 1).all()
 
 
-def test_the_floor_variance_of_one_mode_by_hand():
+def test_the_floor_variance_of_one_mode_by_hand() -> None:
     truth = phantom((2.0,))
     template = template_of(truth)
     model = pca_model(align(written_out(truth))[0])
@@ -187,7 +187,7 @@ def test_the_floor_variance_of_one_mode_by_hand():
         assert table[column].item() < 0.5
 
 
-def test_rigid_motion_within_the_true_modes_does_not_count():
+def test_rigid_motion_within_the_true_modes_does_not_count() -> None:
     # A mode that also moves the whole organ: alignment takes that part away, and so must we.
     truth = phantom((2.0,))
     template = template_of(truth)
@@ -199,7 +199,7 @@ def test_rigid_motion_within_the_true_modes_does_not_count():
     assert table["angle_degrees"].item() < 0.5
 
 
-def test_other_modes_are_missed():
+def test_other_modes_are_missed() -> None:
     truth = phantom((2.0,))
     template = template_of(truth)
     true = true_correspondence(template, truth, truth.case_ids)
@@ -213,7 +213,7 @@ def test_other_modes_are_missed():
     assert table["floor_angle_degrees"].item() < 0.5
 
 
-def test_strangers_are_refused():
+def test_strangers_are_refused() -> None:
     truth = phantom((2.0,))
     template = template_of(truth)
     with pytest.raises(StudyError, match="not among the phantom's"):

@@ -31,7 +31,7 @@ def one_mode_model() -> ShapeModel:
     )
 
 
-def test_one_gaussian_mode_by_hand():
+def test_one_gaussian_mode_by_hand() -> None:
     # One mesh at the mean: E|s| = √(2/π), Var|s| = 1 − 2/π.
     model = one_mode_model()
     settings = EvaluationSettings(points=64, samples=2000)
@@ -45,7 +45,7 @@ def test_one_gaussian_mode_by_hand():
     assert row["chamfer_floor_mm"] == pytest.approx(0, abs=1e-3)
 
 
-def test_the_nearer_of_two_meshes_counts():
+def test_the_nearer_of_two_meshes_counts() -> None:
     # Meshes at ±1 standard deviation: the distance is ||s| − 1|.
     model = one_mode_model()
     meshes = [Mesh(model.reconstruct([s]), model.faces, str(s)) for s in (-1.0, 1.0)]
@@ -58,7 +58,7 @@ def test_the_nearer_of_two_meshes_counts():
     assert row["chamfer_mm"] == pytest.approx(expected, abs=4 * row["chamfer_se_mm"])
 
 
-def test_standard_error_is_the_spread_of_repeated_runs():
+def test_standard_error_is_the_spread_of_repeated_runs() -> None:
     model = one_mode_model()
     settings = EvaluationSettings(points=64, samples=60)
     mesh = [Mesh(model.mean, model.faces, "a")]
@@ -71,7 +71,7 @@ def test_standard_error_is_the_spread_of_repeated_runs():
     assert np.mean([row["chamfer_se_mm"] for row in rows]) == pytest.approx(spread, rel=0.25)
 
 
-def test_fast_equals_naive():
+def test_fast_equals_naive() -> None:
     corresponded, _ = wavy_cohort(9, subdivisions=3)
     aligned, _ = align(corresponded)
     model = pca_model(aligned)
@@ -93,7 +93,7 @@ def test_fast_equals_naive():
     assert np.mean([len(kept) for kept in left]) < 0.6 * len(samples)  # and it does spare work
 
 
-def test_surface_distance_of_draws_equals_naive():
+def test_surface_distance_of_draws_equals_naive() -> None:
     corresponded, _ = wavy_cohort(5)
     aligned, _ = align(corresponded)
     model = pca_model(aligned)
@@ -125,7 +125,7 @@ def test_surface_distance_of_draws_equals_naive():
         assert drawn.mean() == pytest.approx(row["surface_mm"].item())
 
 
-def test_draws_have_the_models_covariance_and_pair_between_models():
+def test_draws_have_the_models_covariance_and_pair_between_models() -> None:
     corresponded, _ = wavy_cohort(6)
     aligned, _ = align(corresponded)
     model = pca_model(aligned)
@@ -146,7 +146,7 @@ def test_draws_have_the_models_covariance_and_pair_between_models():
     assert again == pytest.approx(model.reconstruct(scores[:3]))
 
 
-def test_points_are_even_and_move_with_the_shape():
+def test_points_are_even_and_move_with_the_shape() -> None:
     corresponded, _ = wavy_cohort(3, subdivisions=3)
     generator = np.random.default_rng(0)
     first, second = corresponded.vertices[:2]

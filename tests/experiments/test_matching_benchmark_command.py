@@ -58,7 +58,9 @@ def tables(said: Said) -> str:
     return "\n".join(line for line in said.stdout.splitlines() if not passing.search(line))
 
 
-def test_trains_on_one_part_and_tests_on_another(workflow: Workflow, lungs: Path, runs: Path):
+def test_trains_on_one_part_and_tests_on_another(
+    workflow: Workflow, lungs: Path, runs: Path
+) -> None:
     options = ("--train", "0:3", "--test", "2:4", "--methods", "full, adaptation only")
     said = workflow(*words(lungs, runs), *options)
     assert said.code == 0, said.stderr
@@ -106,7 +108,7 @@ def test_trains_on_one_part_and_tests_on_another(workflow: Workflow, lungs: Path
 
 def test_the_row_spectral_only_has_a_network_of_its_own(
     workflow: Workflow, lungs: Path, runs: Path
-):
+) -> None:
     """Beside a matcher that is given, it alone is trained."""
     options = ("--train", "0:2", "--test", "2:4", "--self-pairs", "--steps", "2")
     folder = runs / "matching-lungs"
@@ -123,7 +125,7 @@ def test_the_row_spectral_only_has_a_network_of_its_own(
 
 def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
     workflow: Workflow, lungs: Path, runs: Path
-):
+) -> None:
     """Rigid alignment and adaptation: near on phantoms that lie as scanned, no network needed."""
     options = ("--methods", "adaptation only", "--test", "0:3")
     said = workflow(*words(lungs, runs), *options)
@@ -143,7 +145,7 @@ def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
     assert row["mean_geodesic_error_x100"] > edge / 4
 
 
-def test_figures_that_are_built_in(workflow: Workflow, runs: Path):
+def test_figures_that_are_built_in(workflow: Workflow, runs: Path) -> None:
     """Made once, in the literature's layout; other settings make others."""
     few = (
         "built_in={training_shapes: 2, test_shapes: 2, persons: 1, vertices: 600}",
@@ -167,7 +169,7 @@ def test_figures_that_are_built_in(workflow: Workflow, runs: Path):
     assert [path.stat().st_mtime_ns for path in figures] != stamps
 
 
-def test_meshes_as_the_literature_has_them(workflow: Workflow, lungs: Path, tmp_path: Path):
+def test_meshes_as_the_literature_has_them(workflow: Workflow, lungs: Path, tmp_path: Path) -> None:
     """A vertex whose triangles cancel, one that no triangle uses, a tiny second piece.
 
     Vertices keep their numbers, so the truth is the same as without.
@@ -202,7 +204,7 @@ def test_meshes_as_the_literature_has_them(workflow: Workflow, lungs: Path, tmp_
     assert summary.set_index("method").loc["adaptation only", "mean_geodesic_error_x100"] < 12
 
 
-def test_every_preset_is_read():
+def test_every_preset_is_read() -> None:
     folder = Path(__file__).parents[2] / "workflows" / "benchmarks"
     names = {path.stem for path in folder.glob("*.yaml")}
     literature = {"faust", "scape", "shrec19", "topkids", "smal", "dt4d-intra", "dt4d-inter"}
@@ -213,7 +215,7 @@ def test_every_preset_is_read():
     assert read_preset("articulated-shapes").built_in.family == "non-isometric"
 
 
-def test_what_can_not_be_done_is_refused(workflow: Workflow, lungs: Path, runs: Path):
+def test_what_can_not_be_done_is_refused(workflow: Workflow, lungs: Path, runs: Path) -> None:
     for options, expected in (
         (("--test", "2:5"), r"--test 2:5 asked of 4 shapes in .*; give a range within 0:4"),
         (("--train", "4:6"), r"--train 4:6 asked of 4 shapes"),

@@ -35,7 +35,7 @@ def folder(settings: StudySettings, tmp_path_factory: pytest.TempPathFactory) ->
     return run_study("phantoms-as-scanned", settings, options, Terminal(), STAGES[:-1])
 
 
-def test_the_truth_is_known_of_every_method(folder: Path):
+def test_the_truth_is_known_of_every_method(folder: Path) -> None:
     tables = load_run(folder).metrics.tables
     methods = {"full", "S3M", "true correspondence"}
     assert set(tables["comparison"]["method"]) == methods
@@ -55,14 +55,14 @@ def test_the_truth_is_known_of_every_method(folder: Path):
     assert list(tables["comparison_95"]["variance_kept_percent"]) == kept.to_list()
 
 
-def test_the_modes_of_the_truth_are_looked_for(folder: Path):
+def test_the_modes_of_the_truth_are_looked_for(folder: Path) -> None:
     table = load_run(folder).metrics.tables["recovered_modes"]
     assert table["mode"].tolist() == [1, 2]
     assert (table["floor_angle_degrees"] < 5).all()  # the true correspondences hold both modes
     assert (table["angle_degrees"] > table["floor_angle_degrees"]).all()
 
 
-def test_fit_of_every_method_and_none_of_the_papers_numbers(folder: Path):
+def test_fit_of_every_method_and_none_of_the_papers_numbers(folder: Path) -> None:
     tables = load_run(folder).metrics.tables
     assert set(tables["fit"]["method"]) == {"full", "S3M", "true correspondence"}
     s3m = tables["fit"].set_index("method").loc["S3M"]
@@ -73,7 +73,7 @@ def test_fit_of_every_method_and_none_of_the_papers_numbers(folder: Path):
 
 def test_every_cohort_as_scanned_and_turned(
     folder: Path, settings: StudySettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     """The runs themselves are the business of other tests: a finished one stands for both."""
     asked: dict[str, StudySettings] = {}
 
@@ -117,6 +117,6 @@ def test_every_cohort_as_scanned_and_turned(
     assert row["variance_kept_percent"] == comparison.loc["full", "variance_kept_percent"]
 
 
-def test_it_wants_phantoms(tmp_path: Path):
+def test_it_wants_phantoms(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"set data\.source to phantoms"):
         run_phantom_benchmark(tiny_settings(tmp_path), RunOptions(tmp_path), Terminal())

@@ -1,5 +1,7 @@
 """`workflow pretrain`: the built-in weights made again, here on four small shapes."""
 
+from pathlib import Path
+
 import pytest
 from shapes import blob
 
@@ -14,7 +16,9 @@ from ssm_pipeline.training.start import refuse_other_networks
 
 
 @pytest.mark.parametrize("features", ["wks", "xyz+wks"])
-def test_what_it_writes_can_be_started_from(features, tmp_path, monkeypatch):
+def test_what_it_writes_can_be_started_from(
+    features, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shapes = [blob(seed, faces=1000) for seed in (1, 2, 3, 4)]
     families = ["a", "a", "b", "b"]
     drawn = (shapes, families)
@@ -32,11 +36,11 @@ def test_what_it_writes_can_be_started_from(features, tmp_path, monkeypatch):
     refuse_other_networks(start)
 
 
-def test_its_seed_neither_chooses_settings_nor_is_reported():
+def test_its_seed_neither_chooses_settings_nor_is_reported() -> None:
     others = {*DEVELOPMENT, *REPORTED, DEVELOPMENT_SEED, REPORTED_SEED}
     assert ssm_pipeline.data_prep.synthetic.pretraining.SEED not in others
 
 
-def test_coordinates_are_turned_in_any_common_direction():
+def test_coordinates_are_turned_in_any_common_direction() -> None:
     assert pretraining_settings("xyz+wks", 5).turn_together
     assert not pretraining_settings("wks", 5).turn_together

@@ -33,18 +33,18 @@ TABLE_OF_TWO = pd.DataFrame({"method": ["full", "S3M"], "x_mm": [2.4567, -3.0], 
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
-def test_tables_of_the_pages_hold_the_results(page: Path):
+def test_tables_of_the_pages_hold_the_results(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert filled(text, figures_in(RESULTS)) == text
     assert text.count("<!--") == text.count("<!-- table: ") + text.count("<!-- end of table -->")
 
 
-def test_every_template_is_used_once():
+def test_every_template_is_used_once() -> None:
     used = [name for page in pages() for _, name, _ in TABLE.findall(page.read_text("utf-8"))]
     assert sorted(used) == sorted(path.stem for path in (RESULTS / "tables").glob("*.txt"))
 
 
-def test_figures_have_names_and_are_rounded_as_printed(tmp_path: Path):
+def test_figures_have_names_and_are_rounded_as_printed(tmp_path: Path) -> None:
     write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE_OF_TWO})
     figures = figures_in(tmp_path)
     assert figures["lungs/comparison/full/x_mm"] == 2.4567
@@ -59,7 +59,7 @@ def test_figures_have_names_and_are_rounded_as_printed(tmp_path: Path):
         table_from("{lungs/comparison/best/x_mm:.1f}", figures)
 
 
-def test_a_part_made_again_replaces_itself_and_nothing_else(tmp_path: Path):
+def test_a_part_made_again_replaces_itself_and_nothing_else(tmp_path: Path) -> None:
     write_part(tmp_path, "lungs", {"seed": 0}, {"comparison": TABLE_OF_TWO, "old": TABLE_OF_TWO})
     write_part(tmp_path, "phantoms", {"seed": 1}, {"comparison": TABLE_OF_TWO})
     write_part(tmp_path, "lungs", {"seed": 2}, {"comparison": TABLE_OF_TWO})
@@ -69,12 +69,14 @@ def test_a_part_made_again_replaces_itself_and_nothing_else(tmp_path: Path):
     assert parts["lungs"]["tables"] == ["comparison"]
 
 
-def test_rows_that_words_do_not_tell_apart_get_their_numbers():
+def test_rows_that_words_do_not_tell_apart_get_their_numbers() -> None:
     table = pd.DataFrame({"method": ["a", "a"], "modes": [1, 2], "x_mm": [0.0, 1.0]})
     assert row_names(table) == ["a, 1", "a, 2"]
 
 
-def test_parts_are_made_from_runs_and_say_how(tmp_path: Path, tiny_run: Path, monkeypatch):
+def test_parts_are_made_from_runs_and_say_how(
+    tmp_path: Path, tiny_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
 
     def run_study(name, settings, options, terminal):
@@ -106,12 +108,14 @@ def test_parts_are_made_from_runs_and_say_how(tmp_path: Path, tiny_run: Path, mo
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
-def test_every_parts_changes_are_settings(part: Part, tmp_path: Path):
+def test_every_parts_changes_are_settings(part: Part, tmp_path: Path) -> None:
     data = {} if part.needs is None else {part.needs: tmp_path}
     making._settings(part, data, making._changes(part, ["seed=1"]))
 
 
-def test_what_is_asked_counts_over_what_a_part_sets(tmp_path: Path, tiny_run: Path, monkeypatch):
+def test_what_is_asked_counts_over_what_a_part_sets(
+    tmp_path: Path, tiny_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
     monkeypatch.setattr(
         making, "run_study", lambda _, settings, *__: asked.append(settings) or tiny_run
@@ -125,8 +129,8 @@ def test_what_is_asked_counts_over_what_a_part_sets(tmp_path: Path, tiny_run: Pa
 
 
 def test_spread_repeats_the_study_with_seeds_and_templates(
-    tmp_path: Path, tiny_run: Path, monkeypatch
-):
+    tmp_path: Path, tiny_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
 
     def run_study(name, settings, options, terminal):
@@ -148,7 +152,7 @@ def test_spread_repeats_the_study_with_seeds_and_templates(
     assert set(mean["method"]) == {"full", "adaptation only", "S3M"}
 
 
-def test_s3m_is_scored_at_the_epochs_that_its_training_kept(tiny_run: Path, tmp_path: Path):
+def test_s3m_is_scored_at_the_epochs_that_its_training_kept(tiny_run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)
     table = score_s3m_epochs(copy, Terminal())

@@ -13,8 +13,8 @@ from ssm_pipeline.runs.run import load_run
 
 
 def test_a_row_per_schedule_and_method_with_one_template(
-    tmp_path: Path, tiny_run: Path, monkeypatch
-):
+    tmp_path: Path, tiny_run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = []
 
     def run_study(name, settings, options, terminal):

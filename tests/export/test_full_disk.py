@@ -56,7 +56,7 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_disk_that_takes_no_more_is_one_message(tmp_path: Path, name: str):
+def test_a_disk_that_takes_no_more_is_one_message(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     WRITERS[name](path)
     assert path.stat().st_size > LIMIT_BYTES

@@ -18,7 +18,9 @@ from ssm_pipeline.export.vtp import write_vtp
 ATOL = 5e-5
 
 
-def test_meshes_are_the_mean_the_template_and_two_deviations(spheres: Spheres, tmp_path: Path):
+def test_meshes_are_the_mean_the_template_and_two_deviations(
+    spheres: Spheres, tmp_path: Path
+) -> None:
     template = spheres.shapes.vertices[0]
     written = write_meshes(spheres.model, template, tmp_path, modes=2)
     expected = {
@@ -37,7 +39,7 @@ def test_meshes_are_the_mean_the_template_and_two_deviations(spheres: Spheres, t
         assert mesh.volume > 0
 
 
-def test_slicer_finds_the_space_where_it_looks(spheres: Spheres, tmp_path: Path):
+def test_slicer_finds_the_space_where_it_looks(spheres: Spheres, tmp_path: Path) -> None:
     path, *_ = write_meshes(spheres.model, spheres.shapes.vertices[0], tmp_path)
     reader = vtkPLYReader()  # as 3D Slicer does
     reader.SetFileName(str(path))
@@ -49,12 +51,12 @@ def test_slicer_finds_the_space_where_it_looks(spheres: Spheres, tmp_path: Path)
     np.testing.assert_allclose(points, spheres.model.mean, atol=ATOL)
 
 
-def test_a_model_of_few_modes_gives_as_many_meshes(spheres: Spheres, tmp_path: Path):
+def test_a_model_of_few_modes_gives_as_many_meshes(spheres: Spheres, tmp_path: Path) -> None:
     written = write_meshes(spheres.model.truncate(1), spheres.shapes.vertices[0], tmp_path)
     assert len(written) == 4
 
 
-def test_vtp_holds_the_modes_as_vectors(spheres: Spheres, tmp_path: Path):
+def test_vtp_holds_the_modes_as_vectors(spheres: Spheres, tmp_path: Path) -> None:
     write_vtp(spheres.model, tmp_path / "model.vtp")
     reader = vtkXMLPolyDataReader()
     reader.SetFileName(str(tmp_path / "model.vtp"))

@@ -12,7 +12,7 @@ from posed_spheres import Spheres
 from ssm_pipeline.export.tables import write_tables
 
 
-def test_npz_rebuilds_every_case(spheres: Spheres, tmp_path: Path):
+def test_npz_rebuilds_every_case(spheres: Spheres, tmp_path: Path) -> None:
     spheres.model.save(tmp_path / "model.npz")
     with np.load(tmp_path / "model.npz") as file:  # allow_pickle is off by default
         weights = file["scores"] * np.sqrt(file["variances"])
@@ -25,7 +25,7 @@ def test_npz_rebuilds_every_case(spheres: Spheres, tmp_path: Path):
     np.testing.assert_allclose(shapes, spheres.aligned.vertices, atol=1e-9)
 
 
-def test_tables_hold_scores_in_deviations_and_variances(spheres: Spheres, tmp_path: Path):
+def test_tables_hold_scores_in_deviations_and_variances(spheres: Spheres, tmp_path: Path) -> None:
     written = write_tables(spheres.model, tmp_path)
     assert [path.name for path in written] == ["scores.csv", "modes.csv"]
     scores = pd.read_csv(written[0], dtype={"case_id": str}, keep_default_na=False)

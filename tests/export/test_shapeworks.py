@@ -12,7 +12,9 @@ from posed_spheres import Spheres
 from ssm_pipeline.export.shapeworks import write_project
 
 
-def test_alignment_takes_local_particles_to_world_particles(spheres: Spheres, tmp_path: Path):
+def test_alignment_takes_local_particles_to_world_particles(
+    spheres: Spheres, tmp_path: Path
+) -> None:
     path = tmp_path / "study" / "model.swproj"
     written = write_project(spheres.shapes, spheres.frames, spheres.meshes, path)
     project = json.loads(path.read_text(encoding="utf-8"))
@@ -36,7 +38,7 @@ def test_alignment_takes_local_particles_to_world_particles(spheres: Spheres, tm
     assert named == set(written)
 
 
-def test_surfaces_are_the_cases_own(spheres: Spheres, tmp_path: Path):
+def test_surfaces_are_the_cases_own(spheres: Spheres, tmp_path: Path) -> None:
     write_project(spheres.shapes, spheres.frames, spheres.meshes, tmp_path / "model.swproj")
     for mesh in spheres.meshes:
         surface = trimesh.load_mesh(tmp_path / "surfaces" / f"{mesh.case_id}.ply", process=False)

@@ -19,7 +19,7 @@ def path(spheres: Spheres, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_mean_and_basis_reproduce_an_instance(spheres: Spheres, path: Path):
+def test_mean_and_basis_reproduce_an_instance(spheres: Spheres, path: Path) -> None:
     scores = np.array([1.5, -0.5, 2.0])
     with h5py.File(path) as file:
         basis, variance = file["model/pcaBasis"][()], file["model/pcaVariance"][()]
@@ -35,7 +35,7 @@ def test_mean_and_basis_reproduce_an_instance(spheres: Spheres, path: Path):
     np.testing.assert_allclose(stored_scores.T, spheres.model.scores, atol=1e-5)
 
 
-def test_only_the_number_types_and_strings_that_scalismo_takes(path: Path):
+def test_only_the_number_types_and_strings_that_scalismo_takes(path: Path) -> None:
     seen = set()
 
     def look(name: str, node: h5py.Group | h5py.Dataset) -> None:
@@ -54,7 +54,7 @@ def test_only_the_number_types_and_strings_that_scalismo_takes(path: Path):
     assert seen == {"float32", "int32", "S"}
 
 
-def test_cases_space_and_unit_are_named(spheres: Spheres, path: Path):
+def test_cases_space_and_unit_are_named(spheres: Spheres, path: Path) -> None:
     with h5py.File(path) as file:
         builder = file["modelinfo/modelBuilder-0"]
         named = [builder[f"dataInfo/URI_{n}"][()].decode() for n in range(6)]

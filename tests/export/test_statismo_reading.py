@@ -40,7 +40,7 @@ def written(path: Path, **changes: object) -> Path:
     return path
 
 
-def test_a_file_written_by_hand_is_read(tmp_path: Path):
+def test_a_file_written_by_hand_is_read(tmp_path: Path) -> None:
     model = read_statismo(written(tmp_path / "hand.h5"))
     np.testing.assert_allclose(model.mean, MEAN)
     np.testing.assert_array_equal(model.faces, CELLS)
@@ -50,7 +50,7 @@ def test_a_file_written_by_hand_is_read(tmp_path: Path):
     assert model.case_ids == ()
 
 
-def test_a_basis_whose_columns_are_not_orthogonal_keeps_its_covariance(tmp_path: Path):
+def test_a_basis_whose_columns_are_not_orthogonal_keeps_its_covariance(tmp_path: Path) -> None:
     skew = BASIS @ [[1.0, 0.6], [0.0, 0.8]]  # columns of length 1
     model = read_statismo(written(tmp_path / "skew.h5", model__pcaBasis=skew.astype(np.float32)))
     flat = model.modes.reshape(2, -1)
@@ -73,7 +73,7 @@ SCALED = (BASIS * [3.0, 2.0]).astype(np.float32)  # by standard deviations, as v
         {**NO_VERSION, "model__pcaBasis": SCALED},
     ],
 )
-def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, changes):
+def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, changes) -> None:
     model = read_statismo(written(tmp_path / "a.h5", **changes))
     np.testing.assert_allclose(model.variances, [9, 4], rtol=1e-6)
     np.testing.assert_allclose(model.modes.reshape(2, -1).T, BASIS, atol=1e-6)
@@ -87,12 +87,14 @@ def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, cha
         ({**NO_VERSION, "model__pcaBasis": 2 * SCALED}, "states no version"),
     ],
 )
-def test_version_and_lengths_that_contradict_each_other_are_refused(tmp_path, changes, message):
+def test_version_and_lengths_that_contradict_each_other_are_refused(
+    tmp_path: Path, changes, message
+) -> None:
     with pytest.raises(StudyError, match=message):
         read_statismo(written(tmp_path / "a.h5", **changes))
 
 
-def test_a_version_is_known_by_the_representer_of_its_time(tmp_path: Path):
+def test_a_version_is_known_by_the_representer_of_its_time(tmp_path: Path) -> None:
     path = written(tmp_path / "a.h5", **NO_VERSION)
     with h5py.File(path, "a") as file:
         file["representer"].attrs["name"] = np.bytes_("vtkPolyDataRepresenter")
@@ -112,7 +114,7 @@ def in_groups(path: Path, *names: str, kind: str = "POLYGON_MESH") -> Path:
     return path
 
 
-def test_a_model_in_a_group_is_found(tmp_path: Path):
+def test_a_model_in_a_group_is_found(tmp_path: Path) -> None:
     path = in_groups(tmp_path / "a.h5", "models/shape", "models/colour")
     np.testing.assert_allclose(read_statismo(path).variances, [9, 4])
     path = in_groups(tmp_path / "b.h5", "a", "b")
@@ -149,7 +151,7 @@ def as_json(path: Path) -> Path:
     return path.with_suffix(".h5.json")
 
 
-def test_the_json_of_a_file_gives_the_same_model(tmp_path: Path):
+def test_the_json_of_a_file_gives_the_same_model(tmp_path: Path) -> None:
     scores = {"modelinfo__scores": np.array([[1.0, -1.0], [0.5, -0.5]], np.float32)}
     path = written(tmp_path / "a.h5", **scores)
     model, other = read_statismo(path), read_statismo(as_json(path))
@@ -159,7 +161,7 @@ def test_the_json_of_a_file_gives_the_same_model(tmp_path: Path):
     np.testing.assert_allclose(read_statismo(as_json(old)).variances, [9, 4], rtol=1e-6)
 
 
-def test_json_that_is_no_tree_is_refused(tmp_path: Path):
+def test_json_that_is_no_tree_is_refused(tmp_path: Path) -> None:
     endless = {
         "root": "a",
         "groups": {"a": {"links": [{"title": "x", "collection": "groups", "id": "a"}]}},
@@ -171,7 +173,7 @@ def test_json_that_is_no_tree_is_refused(tmp_path: Path):
             read_statismo(tmp_path / "a.h5.json")
 
 
-def test_scores_and_cases_are_read_where_they_are(tmp_path: Path):
+def test_scores_and_cases_are_read_where_they_are(tmp_path: Path) -> None:
     changes = {
         "modelinfo__scores": np.array([[1.0, -1.0], [0.5, -0.5]], np.float32),
         "modelinfo__modelBuilder-0__dataInfo__URI_0": np.bytes_("a"),
@@ -194,12 +196,12 @@ def test_scores_and_cases_are_read_where_they_are(tmp_path: Path):
         ({"model__mean": "text"}, "model/mean"),
     ],
 )
-def test_a_broken_file_says_what_is_wrong(tmp_path: Path, changes, message):
+def test_a_broken_file_says_what_is_wrong(tmp_path: Path, changes, message) -> None:
     with pytest.raises(StudyError, match=message):
         read_statismo(written(tmp_path / "broken.h5", **changes))
 
 
-def test_what_is_no_hdf5_is_said(tmp_path: Path):
+def test_what_is_no_hdf5_is_said(tmp_path: Path) -> None:
     path = tmp_path / "model.h5"
     path.write_bytes(b"not a model")
     with pytest.raises(StudyError, match="no HDF5 file, or is damaged"):

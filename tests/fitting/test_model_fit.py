@@ -20,7 +20,7 @@ def model():
     return pca_model(align(bumpy_cohort(12))[0])
 
 
-def test_an_instance_is_found_again_wherever_it_lies(model):
+def test_an_instance_is_found_again_wherever_it_lies(model) -> None:
     points = TURN.apply(model.reconstruct(TRUTH))
     found = fit(model, finer(Mesh(points, model.faces, "new")))
     assert found.distances_mm.mean() < 0.05
@@ -33,14 +33,14 @@ def test_an_instance_is_found_again_wherever_it_lies(model):
     )
 
 
-def test_size_is_found_where_the_pose_has_one(model):
+def test_size_is_found_where_the_pose_has_one(model) -> None:
     pose = Similarity(1.2, TURN.rotation, TURN.translation)
     surface = Mesh(pose.apply(model.reconstruct(TRUTH)), model.faces, "large")
     assert fit(model, surface, with_scale=True).frame.scale == pytest.approx(1.2, rel=0.01)
     assert fit(model, surface).frame.scale == 1.0
 
 
-def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model):
+def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model) -> None:
     """Over many surfaces with a smooth error that no mode makes, the scores' errors are about as
     large as the posterior says: the points' number alone would say ten times less."""
     generator = np.random.default_rng(5)
@@ -57,7 +57,7 @@ def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model):
     assert 0.3 < np.median(np.abs(z)) < 1.6
 
 
-def test_what_was_cut_off_is_not_held_against_the_model(model):
+def test_what_was_cut_off_is_not_held_against_the_model(model) -> None:
     whole = finer(Mesh(TURN.apply(model.reconstruct(TRUTH)), model.faces, "cut"))
     height = whole.vertices[:, 2]
     top = height > height.max() - np.ptp(height) / 3
@@ -71,14 +71,14 @@ def test_what_was_cut_off_is_not_held_against_the_model(model):
     assert error[~found.observed].mean() < 1.0
 
 
-def test_matched_points_give_the_same_scores_at_once(model):
+def test_matched_points_give_the_same_scores_at_once(model) -> None:
     points = TURN.apply(model.reconstruct(TRUTH))
     found = fit_points(model, points, Mesh(points, model.faces, "new"))
     np.testing.assert_allclose(found.scores[:3], TRUTH, atol=1e-3)
     np.testing.assert_allclose(found.vertices, points, atol=1e-2)
 
 
-def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model):
+def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model) -> None:
     generator = np.random.default_rng(0)
     exact = model.reconstruct([2.0, 0.0, 0.0])
     noisy = exact + 5.0 * generator.standard_normal(exact.shape)
@@ -88,7 +88,7 @@ def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model):
     assert found.mahalanobis < np.linalg.norm(model.coefficients(noisy))
 
 
-def test_a_surface_that_looks_inward_is_refused_by_name():
+def test_a_surface_that_looks_inward_is_refused_by_name() -> None:
     shapes = bumpy_cohort(6)
     model = pca_model(align(shapes)[0])
     inward = Mesh(model.mean, model.faces[:, ::-1], "rev")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def flags_of(cohort, surface):
     return [flag.split(":")[0] for flag in report.typicality.flags]
 
 
-def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort):
+def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort) -> None:
     yardstick, new = cohort
     surface = Mesh(TURN.apply(new[0].vertices), new[0].faces, "new")
     report = fit_patient(yardstick, surface)
@@ -58,7 +59,7 @@ def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort):
     assert report.typicality.residual.threshold > yardstick.reference.residual_mm.max()
 
 
-def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort):
+def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort) -> None:
     yardstick, new = cohort
     matched = new[1].vertices[: len(yardstick.model.mean)]
     report = fit_patient(yardstick, new[1], matched=matched)
@@ -67,7 +68,7 @@ def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort):
     assert np.linalg.norm(report.vertices - own.vertices, axis=1).mean() < 2.0
 
 
-def test_upside_down_mirrored_and_other_things_are_flagged(cohort):
+def test_upside_down_mirrored_and_other_things_are_flagged(cohort) -> None:
     new = cohort[1][0]
     down = Mesh(new.vertices * [1.0, -1.0, -1.0] + [0, 0, 500.0], new.faces, "down")
     assert flags_of(cohort, down) == ["turned"]
@@ -78,7 +79,7 @@ def test_upside_down_mirrored_and_other_things_are_flagged(cohort):
     assert flags_of(cohort, ball)
 
 
-def test_a_part_is_completed_with_intervals_that_hold(cohort):
+def test_a_part_is_completed_with_intervals_that_hold(cohort) -> None:
     yardstick, new = cohort
     covered = []
     for whole in new:
@@ -98,7 +99,7 @@ def test_a_part_is_completed_with_intervals_that_hold(cohort):
     assert abs(np.concatenate(covered).mean() - COVERAGE) < 0.25
 
 
-def test_the_radius_holds_nine_in_ten_vertices_of_a_new_case():
+def test_the_radius_holds_nine_in_ten_vertices_of_a_new_case() -> None:
     """Errors as of real cases: one case is far off everywhere, another nowhere, and the fits state
     half of it. Seen vertices are three times nearer."""
     generator = np.random.default_rng(0)
@@ -118,7 +119,7 @@ def test_the_radius_holds_nine_in_ten_vertices_of_a_new_case():
     assert np.std(held, axis=0).max() < 0.05  # each case, whatever its scale: it was stated
 
 
-def test_a_cut_case_keeps_the_part_that_was_seen():
+def test_a_cut_case_keeps_the_part_that_was_seen() -> None:
     shapes = bumpy_cohort(1)
     (mesh,) = surfaces_of(shapes)
     matched = Mesh(shapes.vertices[0], shapes.faces, "c0")
@@ -131,7 +132,7 @@ def test_a_cut_case_keeps_the_part_that_was_seen():
     assert cut_as_observed(mesh, matched, np.ones(len(matched.vertices), bool)) is mesh
 
 
-def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
+def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort) -> None:
     shapes, reference = cohort[0].shapes, cohort[0].reference
     model, _ = model_without(shapes, 3, False, shapes.case_ids)
     assert shapes.case_ids[3] not in model.case_ids
@@ -140,7 +141,7 @@ def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort):
     assert reference.turned_deg.max() < 10
 
 
-def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path):
+def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path: Path) -> None:
     reference = cohort[0].reference
     storage.save(reference, tmp_path / "reference.npz")
     again = storage.load(CrossValidation, tmp_path / "reference.npz")
@@ -148,7 +149,7 @@ def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path):
     np.testing.assert_array_equal(again.left_out.distances_mm, reference.distances_mm)
 
 
-def test_a_patients_other_case_does_not_help_to_judge():
+def test_a_patients_other_case_does_not_help_to_judge() -> None:
     """Two nearly equal cases a patient: by a model with the other, each is fitted at once."""
     shapes = bumpy_cohort(8, seed=3, rough_mm=0.8)
     twins = np.random.default_rng(0).normal(0, 0.02, shapes.vertices.shape)
@@ -169,13 +170,13 @@ def test_a_patients_other_case_does_not_help_to_judge():
     assert np.median(cross_validate(both, surfaces_of(both)).residual_mm) < 0.5 * np.median(alone)
 
 
-def test_five_cases_are_too_few_to_judge_by():
+def test_five_cases_are_too_few_to_judge_by() -> None:
     shapes = bumpy_cohort(5)
     with pytest.raises(StudyError, match="and the model has 5, of 5"):
         cross_validate(shapes, surfaces_of(shapes))
 
 
-def test_one_in_a_hundred_of_the_kind_is_flagged():
+def test_one_in_a_hundred_of_the_kind_is_flagged() -> None:
     """Draw the reference and the new one from one log-normal distribution, again and again."""
     generator = np.random.default_rng(1)
     draws = np.exp(generator.normal(1.0, 0.4, (4000, 21)))
@@ -186,7 +187,7 @@ def test_one_in_a_hundred_of_the_kind_is_flagged():
     assert tail_of(judged.threshold, draws[0, 1:]).tail == pytest.approx(TAIL)
 
 
-def test_a_child_is_flagged_by_a_model_without_size(cohort):
+def test_a_child_is_flagged_by_a_model_without_size(cohort) -> None:
     """Residual and shape are those of any other, so that nothing but the size could tell."""
     reference = cohort[0].reference
     sizes = np.exp(np.random.default_rng(0).normal(0, 0.1, len(reference.size)))
@@ -198,7 +199,7 @@ def test_a_child_is_flagged_by_a_model_without_size(cohort):
     assert judge(*usual, 1.0, reference).flags == ()  # a model with size: it is a mode
 
 
-def test_score_inflation_undoes_a_wrong_standard_deviation():
+def test_score_inflation_undoes_a_wrong_standard_deviation() -> None:
     z = 2.0 * norm.ppf((np.arange(10_000) + 0.5) / 10_000)
     assert score_inflation(z) == pytest.approx(2.0, rel=0.01)
     assert score_inflation(z / 10) == 1.0

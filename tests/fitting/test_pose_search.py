@@ -29,28 +29,28 @@ def model():
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_an_organ_upside_down_is_found_so(model, axis):
+def test_an_organ_upside_down_is_found_so(model, axis) -> None:
     half_turn = Rotation.from_euler(axis, np.pi).as_matrix()
     first, other = start_poses(model, Mesh(model.mean @ half_turn.T + 50, model.faces, "turned"))
     assert other.error_mm < 0.7 * first.error_mm
     assert turned_deg(other.frame) > 170
 
 
-def test_how_the_cases_lie_comes_first(model):
+def test_how_the_cases_lie_comes_first(model) -> None:
     upright = Rotation.from_euler("x", 120, degrees=True).as_matrix()
     surface = Mesh(model.mean @ upright.T + 40, model.faces, "lying")
     first = start_poses(model, surface, upright)[0]
     assert turned_deg(Similarity(1.0, upright.T @ first.frame.rotation, np.zeros(3))) < 10
 
 
-def test_a_mirror_image_is_outward_and_its_own_mirror_image(model):
+def test_a_mirror_image_is_outward_and_its_own_mirror_image(model) -> None:
     mesh = Mesh(TURN.apply(model.mean), model.faces, "a")
     image = mirrored(mesh)
     assert volume(image.vertices, image.faces) == pytest.approx(volume(mesh.vertices, mesh.faces))
     np.testing.assert_array_equal(mirrored(image).vertices, mesh.vertices)
 
 
-def test_a_point_beyond_a_border_is_told_from_one_above_the_surface():
+def test_a_point_beyond_a_border_is_told_from_one_above_the_surface() -> None:
     grid = np.stack(np.meshgrid(range(5), range(5), [0]), axis=-1).reshape(-1, 3).astype(float)
     corners = np.array(
         [[r * 5 + c, r * 5 + c + 1, (r + 1) * 5 + c] for r in range(4) for c in range(4)]
@@ -73,7 +73,7 @@ def ball_in_a_short_image(slices: int) -> Mask:
 
 
 @pytest.mark.parametrize(("slices", "holes"), [(48, 0), (30, 1)])
-def test_the_cap_where_the_image_ends_is_taken_off(slices, holes):
+def test_the_cap_where_the_image_ends_is_taken_off(slices, holes) -> None:
     mask = ball_in_a_short_image(slices)
     mesh, _ = mesh_from_mask(mask, MeshingSettings(faces=1500))
     opened = opened_at_image_border(mesh, mask, margin_mm=4.0)
@@ -87,7 +87,7 @@ def test_the_cap_where_the_image_ends_is_taken_off(slices, holes):
         assert lost.sum() > 20
 
 
-def test_a_turned_images_cap_is_taken_off_too():
+def test_a_turned_images_cap_is_taken_off_too() -> None:
     mask = ball_in_a_short_image(30)
     turn = Rotation.from_euler("xyz", [30, 10, -50], degrees=True).as_matrix()
     turned = Mask(mask.voxels, mask.spacing_mm, mask.origin_mm, turn, "ball")
@@ -100,7 +100,7 @@ def test_a_turned_images_cap_is_taken_off_too():
     np.testing.assert_array_equal(straight.faces, skew.faces)
 
 
-def test_only_caps_is_no_surface():
+def test_only_caps_is_no_surface() -> None:
     mask = Mask(np.ones((4, 4, 4), bool), np.ones(3), np.zeros(3), np.eye(3), "full")
     corners = np.array([[-0.5, -0.5, -0.5], [3.5, -0.5, -0.5], [-0.5, 3.5, -0.5]])
     lid = Mesh(corners, np.array([[0, 2, 1]]), "full")
@@ -108,7 +108,7 @@ def test_only_caps_is_no_surface():
         opened_at_image_border(lid, mask, 2.0)
 
 
-def test_dropping_faces_drops_their_vertices():
+def test_dropping_faces_drops_their_vertices() -> None:
     mesh = Mesh(np.eye(4, 3), np.array([[0, 1, 2], [1, 3, 2]]), "two")
     left = without_faces(mesh, np.array([True, False]))
     np.testing.assert_array_equal(left.vertices, np.eye(4, 3)[1:])

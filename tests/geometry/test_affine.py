@@ -9,7 +9,7 @@ def cloud(count: int = 400) -> np.ndarray:
     return np.random.default_rng(1).uniform(-1, 1, (count, 3)) * [40, 60, 100]
 
 
-def test_affine_shapes_in_any_pose_are_affine_to_the_last_digit():
+def test_affine_shapes_in_any_pose_are_affine_to_the_last_digit() -> None:
     points, generator = cloud(), np.random.default_rng(0)
     shapes = np.stack(
         [
@@ -22,7 +22,7 @@ def test_affine_shapes_in_any_pose_are_affine_to_the_last_digit():
     assert affine_share(shapes) == pytest.approx(1, abs=1e-6)
 
 
-def test_noise_is_affine_by_its_degrees_of_freedom_alone():
+def test_noise_is_affine_by_its_degrees_of_freedom_alone() -> None:
     # Independent noise at V points has 3V dimensions, of which an affine map explains 12, the six
     # of pose having been taken out: 6 of 3V − 6.
     points = cloud(100)
@@ -30,7 +30,7 @@ def test_noise_is_affine_by_its_degrees_of_freedom_alone():
     assert affine_share(shapes) == pytest.approx(6 / 294, rel=0.15)
 
 
-def test_half_and_half():
+def test_half_and_half() -> None:
     # Along z, x and (x² − mean) have known variances and are uncorrelated on a symmetric cloud.
     points = cloud(20_000)
     points = np.concatenate([points, points * [-1, 1, 1]])
@@ -43,6 +43,6 @@ def test_half_and_half():
     assert affine_share(shapes) == pytest.approx(0.5, abs=0.01)
 
 
-def test_shapes_that_do_not_differ_are_refused():
+def test_shapes_that_do_not_differ_are_refused() -> None:
     with pytest.raises(ValueError, match="do not differ"):
         affine_share(np.stack([cloud()] * 3))

@@ -4,7 +4,7 @@ from shapes import sphere
 from ssm_pipeline.geometry.closest_point import closest_points
 
 
-def test_distance_to_a_sphere_is_the_distance_to_its_radius():
+def test_distance_to_a_sphere_is_the_distance_to_its_radius() -> None:
     ball = sphere(radius=10.0, subdivisions=4)
     queries = np.random.default_rng(0).standard_normal((50, 3)) * 12
     found = closest_points(queries, ball.vertices, ball.faces)
@@ -16,7 +16,7 @@ def test_distance_to_a_sphere_is_the_distance_to_its_radius():
     np.testing.assert_allclose(rebuilt, found.points, atol=1e-9)
 
 
-def test_a_triangle_without_area_gives_its_nearest_corner():
+def test_a_triangle_without_area_gives_its_nearest_corner() -> None:
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [5, 5, 5], [6, 5, 5], [5, 6, 5]])
     found = closest_points(np.array([[0.9, 0.1, 0.0]]), vertices, np.array([[0, 1, 2], [3, 4, 5]]))
     assert found.faces[0] == 0

@@ -17,14 +17,14 @@ def sphere(radius: float, subdivisions: int = 4) -> SurfaceTarget:
     return SurfaceTarget.of(np.array(mesh.vertices), np.array(mesh.faces))
 
 
-def test_surface_distance_of_concentric_spheres_is_the_gap():
+def test_surface_distance_of_concentric_spheres_is_the_gap() -> None:
     distance = surface_distance(sphere(50), sphere(53))
     # Triangles cut below the sphere by at most r (1 - cos(edge / √3)) = 0.04 mm here.
     assert distance.mean == pytest.approx(3, abs=0.04)
     assert distance.hd95 == pytest.approx(3, abs=0.04)
 
 
-def test_hd95_takes_the_worse_direction():
+def test_hd95_takes_the_worse_direction() -> None:
     half = trimesh.creation.icosphere(3, radius=50)
     upper = half.vertices[half.faces].mean(axis=1)[:, 2] > 0
     part = SurfaceTarget.of(np.array(half.vertices), np.array(half.faces[upper]))
@@ -39,14 +39,14 @@ def test_hd95_takes_the_worse_direction():
     assert 50 < surface_distance(cut, whole).hd95 < 50 * np.sqrt(2) + 1
 
 
-def test_chamfer_of_radially_moved_points_is_the_move():
+def test_chamfer_of_radially_moved_points_is_the_move() -> None:
     # Moved by less than half the spacing, every point's nearest neighbour is its own image.
     points = np.array(trimesh.creation.icosphere(2, radius=50).vertices)
     moved = PointTarget.of(points * 52 / 50)
     assert chamfer(PointTarget.of(points), moved) == pytest.approx(2, abs=1e-4)
 
 
-def test_chamfer_equals_brute_force_and_is_symmetric():
+def test_chamfer_equals_brute_force_and_is_symmetric() -> None:
     generator = np.random.default_rng(0)
     a, b = generator.normal(size=(300, 3)) * 30, generator.normal(size=(200, 3)) * 30 + 5
     table = cdist(a, b)
@@ -56,7 +56,7 @@ def test_chamfer_equals_brute_force_and_is_symmetric():
     assert chamfer(second, first) == pytest.approx(expected, rel=1e-5)
 
 
-def test_chamfer_floor_of_even_samples():
+def test_chamfer_floor_of_even_samples() -> None:
     # Free draws of density ρ have a mean nearest-neighbour distance of 1 / (2 √ρ).
     generator = np.random.default_rng(1)
     squares = [
@@ -66,7 +66,7 @@ def test_chamfer_floor_of_even_samples():
     assert floor == pytest.approx(0.5 * np.sqrt(100**2 / 4000), rel=0.05)  # edges, 4000 draws
 
 
-def test_symmetric_takes_the_mean_of_the_means_and_the_worse_tail():
+def test_symmetric_takes_the_mean_of_the_means_and_the_worse_tail() -> None:
     near, far = np.zeros(10), np.linspace(0, 10, 1001)
     for pair in ((near, far), (far, near)):
         both = symmetric(*pair)

@@ -18,14 +18,14 @@ def points(count: int = 40) -> np.ndarray:
     return np.random.default_rng(0).standard_normal((count, 3)) * [10, 20, 40]
 
 
-def test_a_motion_is_found_exactly_and_undone_by_its_inverse():
+def test_a_motion_is_found_exactly_and_undone_by_its_inverse() -> None:
     found = best_similarity(points(), MOTION.apply(points()))
     np.testing.assert_allclose(found.rotation, MOTION.rotation, atol=1e-12)
     np.testing.assert_allclose(found.translation, MOTION.translation, atol=1e-10)
     np.testing.assert_allclose(found.inverse().apply(MOTION.apply(points())), points(), atol=1e-10)
 
 
-def test_scale_is_found_if_asked_for():
+def test_scale_is_found_if_asked_for() -> None:
     larger = Similarity(1.7, TURN, np.array([1.0, 2.0, 3.0]))
     found = best_similarity(points(), larger.apply(points()), with_scale=True)
     assert found.scale == pytest.approx(1.7)
@@ -33,12 +33,12 @@ def test_scale_is_found_if_asked_for():
     assert best_similarity(points(), larger.apply(points())).scale == 1
 
 
-def test_a_mirror_image_is_not_turned_inside_out():
+def test_a_mirror_image_is_not_turned_inside_out() -> None:
     found = best_similarity(points(), points() * [-1, 1, 1])
     assert np.linalg.det(found.rotation) == pytest.approx(1)
 
 
-def test_no_small_turn_does_better_where_nothing_fits_exactly():
+def test_no_small_turn_does_better_where_nothing_fits_exactly() -> None:
     generator = np.random.default_rng(1)
     target = MOTION.apply(points()) + 5 * generator.standard_normal((40, 3))
     weights = generator.random(40)
@@ -53,7 +53,7 @@ def test_no_small_turn_does_better_where_nothing_fits_exactly():
     assert better.fun == pytest.approx(misfit(np.zeros(6)), rel=1e-9)
 
 
-def test_points_without_weight_do_not_count():
+def test_points_without_weight_do_not_count() -> None:
     target = MOTION.apply(points())
     target[:10] += 1000
     weights = np.r_[np.zeros(10), np.ones(30)]
@@ -62,7 +62,7 @@ def test_points_without_weight_do_not_count():
     )
 
 
-def test_surfaces_are_laid_on_each_other_without_correspondence():
+def test_surfaces_are_laid_on_each_other_without_correspondence() -> None:
     mesh = blob(0)
     source, target = (
         sample_points(mesh.vertices, mesh.faces, 4000, np.random.default_rng(seed))
@@ -74,5 +74,5 @@ def test_surfaces_are_laid_on_each_other_without_correspondence():
     assert np.linalg.norm(error, axis=1).max() < 0.5
 
 
-def test_a_frame_that_does_nothing():
+def test_a_frame_that_does_nothing() -> None:
     np.testing.assert_array_equal(Similarity.identity().apply(points()), points())

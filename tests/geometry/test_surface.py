@@ -22,7 +22,7 @@ BOX = trimesh.creation.box([2.0, 3.0, 5.0])
 VERTICES, FACES = np.array(BOX.vertices), np.array(BOX.faces)
 
 
-def test_a_box_has_its_area_volume_and_centre():
+def test_a_box_has_its_area_volume_and_centre() -> None:
     assert area(VERTICES, FACES) == pytest.approx(2 * (2 * 3 + 3 * 5 + 5 * 2))
     assert face_areas(VERTICES, FACES).sum() == pytest.approx(62)
     assert volume(VERTICES + np.array([100, -50, 7]), FACES) == pytest.approx(30)
@@ -30,7 +30,7 @@ def test_a_box_has_its_area_volume_and_centre():
     np.testing.assert_allclose(centroid(VERTICES + np.array([1, 2, 3]), FACES), [1, 2, 3])
 
 
-def test_the_centroid_does_not_move_with_the_triangulation():
+def test_the_centroid_does_not_move_with_the_triangulation() -> None:
     ball = sphere(10.0)
     above = np.flatnonzero(ball.vertices[ball.faces].mean(axis=1)[:, 2] > 0)
     finer_vertices, finer = trimesh.remesh.subdivide(ball.vertices, ball.faces, above)
@@ -40,7 +40,7 @@ def test_the_centroid_does_not_move_with_the_triangulation():
     )
 
 
-def test_normals_are_unit_and_look_outward():
+def test_normals_are_unit_and_look_outward() -> None:
     ball = sphere(10.0, subdivisions=4)
     centres = ball.vertices[ball.faces].mean(axis=1)
     for normals, points in (
@@ -53,20 +53,20 @@ def test_normals_are_unit_and_look_outward():
         assert np.linalg.norm(normals - outward, axis=1).max() < 0.04
 
 
-def test_normals_turn_with_the_surface():
+def test_normals_turn_with_the_surface() -> None:
     turn = Rotation.from_rotvec([0.3, -0.4, 1.1]).as_matrix()
     for normals in (face_normals, vertex_normals):
         turned = normals(7 * VERTICES @ turn.T + 5, FACES)
         np.testing.assert_allclose(turned, normals(VERTICES, FACES) @ turn.T, atol=1e-12)
 
 
-def test_what_has_no_area_has_no_normal():
+def test_what_has_no_area_has_no_normal() -> None:
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [5, 5, 5]])
     assert not face_normals(flat, np.array([[0, 1, 2]])).any()
     assert not vertex_normals(flat, np.array([[0, 1, 2]])).any()
 
 
-def test_samples_lie_on_the_surface_in_proportion_to_area():
+def test_samples_lie_on_the_surface_in_proportion_to_area() -> None:
     generator = np.random.default_rng(0)
     face, weights = sample_surface(VERTICES, FACES, 6200, generator)
     np.testing.assert_allclose(weights.sum(axis=1), 1)
@@ -82,7 +82,7 @@ def test_samples_lie_on_the_surface_in_proportion_to_area():
         assert np.linalg.norm(points[face == index].mean(axis=0) - centre) < 0.25
 
 
-def test_samples_depend_on_the_generator_alone():
+def test_samples_depend_on_the_generator_alone() -> None:
     mesh = blob(0)
     first, again, other = (
         sample_points(mesh.vertices, mesh.faces, 50, np.random.default_rng(seed))
@@ -92,7 +92,7 @@ def test_samples_depend_on_the_generator_alone():
     assert np.abs(first - other).max() > 1
 
 
-def test_interpolation_is_linear_and_takes_stacks():
+def test_interpolation_is_linear_and_takes_stacks() -> None:
     generator = np.random.default_rng(0)
     values = generator.standard_normal((4, 5, 8, 2))
     corners, weights = generator.integers(0, 8, (6, 3)), generator.dirichlet(np.ones(3), 6)

@@ -8,13 +8,13 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 
 
-def shape_of(seed=1):
+def shape_of(seed: int = 1):
     return to_shape(
         basis_of(blob(seed, faces=200), 10), MatchingSettings(descriptors=8), dtype=torch.float64
     )
 
 
-def test_a_rigid_motion_costs_nothing():
+def test_a_rigid_motion_costs_nothing() -> None:
     shape = shape_of()
     turn = torch.tensor(Rotation.random(random_state=0).as_matrix())
     moved = shape.vertices @ turn.T + 5.0
@@ -22,7 +22,7 @@ def test_a_rigid_motion_costs_nothing():
     assert energy.item() < 1e-18
 
 
-def test_a_stretch_costs_what_it_must():
+def test_a_stretch_costs_what_it_must() -> None:
     shape = shape_of()
     # Under x → 2x the best rotation is the identity: E = Σ w |e|² over directed edges, which is
     # twice trace(XᵀLX).
@@ -33,7 +33,7 @@ def test_a_stretch_costs_what_it_must():
     torch.testing.assert_close(energy[0], expected, rtol=1e-6, atol=0)
 
 
-def test_gradient_against_finite_differences_through_the_rotations():
+def test_gradient_against_finite_differences_through_the_rotations() -> None:
     shape = shape_of()
     noise = torch.randn(
         2, *shape.vertices.shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0)
@@ -53,7 +53,7 @@ def test_gradient_against_finite_differences_through_the_rotations():
         np.testing.assert_allclose((moved.grad * direction).sum().item(), numeric, rtol=1e-5)
 
 
-def test_rotations_equal_the_svd_even_for_reflections():
+def test_rotations_equal_the_svd_even_for_reflections() -> None:
     generator = torch.Generator().manual_seed(0)
     matrices = torch.randn(500, 3, 3, generator=generator, dtype=torch.float64)
     assert (torch.linalg.det(matrices) < 0).any()

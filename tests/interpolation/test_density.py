@@ -45,7 +45,7 @@ def terms(edge_mm: float) -> tuple[int, dict[str, float]]:
     return len(shapes[0].vertices), {name: float(term.detach()) for name, term in found.items()}
 
 
-def test_terms_do_not_move_with_the_mesh():
+def test_terms_do_not_move_with_the_mesh() -> None:
     count, coarse = terms(6.0)
     middle_count, middle = terms(4.3)
     fine_count, fine = terms(2.2)

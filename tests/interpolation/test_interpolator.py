@@ -7,13 +7,13 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 
 
-def shape_of(seed):
+def shape_of(seed: int):
     return to_shape(
         basis_of(blob(seed, faces=300), 10), MatchingSettings(descriptors=8), dtype=torch.float64
     )
 
 
-def test_ring_maximum_and_gradient_equal_the_plain_loop():
+def test_ring_maximum_and_gradient_equal_the_plain_loop() -> None:
     shape = shape_of(1)
     ring = [set() for _ in shape.vertices]
     for start, end in shape.edges.tolist():
@@ -30,7 +30,7 @@ def test_ring_maximum_and_gradient_equal_the_plain_loop():
     torch.testing.assert_close(a.grad, b.grad)
 
 
-def test_the_edge_convolution_equals_the_edge_by_edge_one():
+def test_the_edge_convolution_equals_the_edge_by_edge_one() -> None:
     shape = shape_of(1)
     torch.manual_seed(0)
     block = Interpolator(InterpolationSettings(width=6, blocks=1)).double().blocks[0]
@@ -46,7 +46,7 @@ def test_the_edge_convolution_equals_the_edge_by_edge_one():
     torch.testing.assert_close(block(x, shape.neighbours), plain)
 
 
-def test_starts_at_the_shape_and_times_do_not_mix():
+def test_starts_at_the_shape_and_times_do_not_mix() -> None:
     shape, goal = shape_of(1), shape_of(1).vertices.flip(1)
     torch.manual_seed(0)
     net = Interpolator(InterpolationSettings(width=6, blocks=2)).double()

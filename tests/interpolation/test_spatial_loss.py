@@ -59,7 +59,7 @@ def plain_arap(before, after, edges, weights):
 
 @pytest.mark.parametrize("settings", [OURS, AUTHORS, PRINTED], ids=["ours", "authors", "printed"])
 @pytest.mark.parametrize("T", [1, 3])
-def test_terms_equal_the_plain_formulas(pair, net, settings, T):
+def test_terms_equal_the_plain_formulas(pair, net, settings, T) -> None:
     with torch.no_grad():
         terms = spatial_loss(pair, net, T, settings)
     x, y = pair.shape_x, pair.shape_y
@@ -95,7 +95,7 @@ def test_terms_equal_the_plain_formulas(pair, net, settings, T):
         torch.testing.assert_close(terms[name].detach(), value.detach(), rtol=1e-6, atol=1e-8)
 
 
-def test_no_weights_no_terms(pair, net):
+def test_no_weights_no_terms(pair, net) -> None:
     assert spatial_loss(pair, net, 1, SpatialLossSettings.none()) == {}
 
 
@@ -106,7 +106,7 @@ class TowardsTheMap(torch.nn.Module):
         return vertices + times[:, None, None] * (target - vertices)
 
 
-def test_the_degenerate_interpolation_costs(pair):
+def test_the_degenerate_interpolation_costs(pair) -> None:
     """Printed alignment calls it perfect, however blurred the map; the cycle does not."""
     by_form = {
         form: spatial_loss(

@@ -19,7 +19,7 @@ def network(settings=SETTINGS):
     return FeatureNetwork(settings).double()
 
 
-def test_features_follow_renumbering_rotation_and_size():
+def test_features_follow_renumbering_rotation_and_size() -> None:
     mesh = blob(1)
     generator = np.random.default_rng(0)
     order = generator.permutation(len(mesh.vertices))
@@ -32,7 +32,7 @@ def test_features_follow_renumbering_rotation_and_size():
     torch.testing.assert_close(net(a)[order], net(b), rtol=1e-4, atol=1e-4)
 
 
-def test_sparse_gradients_pass_the_gradient_back():
+def test_sparse_gradients_pass_the_gradient_back() -> None:
     shape = to_shape(basis_of(blob(1, faces=300), 10), SETTINGS, dtype=torch.float64)
     x = torch.randn(len(shape.vertices), 3, dtype=torch.float64, requires_grad=True)
     dense = shape.gradients.forward_csr.to_dense()
@@ -41,7 +41,7 @@ def test_sparse_gradients_pass_the_gradient_back():
     torch.testing.assert_close(x.grad, dense.T @ (dense @ x.detach()).cos())
 
 
-def test_every_weight_gets_a_gradient_from_the_spectral_loss():
+def test_every_weight_gets_a_gradient_from_the_spectral_loss() -> None:
     x, y = (to_shape(basis_of(blob(i)), SETTINGS, dtype=torch.float64) for i in (1, 2))
     net = network()
     terms = spectral_loss(match_pair(x, y, net(x), net(y), SETTINGS), SpectralLossWeights())
@@ -52,7 +52,7 @@ def test_every_weight_gets_a_gradient_from_the_spectral_loss():
             assert parameter.grad.abs().max() > 0, name
 
 
-def test_an_identical_pair_with_sharp_features_has_no_loss():
+def test_an_identical_pair_with_sharp_features_has_no_loss() -> None:
     shape = to_shape(basis_of(blob(1)), SETTINGS, dtype=torch.float64)
     features = torch.eye(len(shape.vertices), dtype=torch.float64)
     sharp = SETTINGS.model_copy(update={"temperature": 0.01})
@@ -61,7 +61,7 @@ def test_an_identical_pair_with_sharp_features_has_no_loss():
         assert term < 1e-6, name
 
 
-def test_features_are_standardised_by_area():
+def test_features_are_standardised_by_area() -> None:
     generator = torch.Generator().manual_seed(0)
     mass = torch.rand(50, dtype=torch.float64, generator=generator)
     raw = 7 + 3 * torch.randn(50, 4, dtype=torch.float64, generator=generator)
@@ -72,7 +72,7 @@ def test_features_are_standardised_by_area():
     torch.testing.assert_close(standardised(20 * raw - 3, mass), F, rtol=1e-6, atol=1e-6)
 
 
-def test_coordinates_can_be_read_too():
+def test_coordinates_can_be_read_too() -> None:
     settings = SETTINGS.model_copy(update={"features": "xyz+wks"})
     shape = to_shape(basis_of(blob(1)), settings)
     assert shape.inputs.shape[1] == 19

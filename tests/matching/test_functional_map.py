@@ -13,7 +13,7 @@ def problem(k=9, channels=14):
     return A, B, 3.0 * resolvent_mask(ev_x, ev_y, 0.5)
 
 
-def test_rows_equal_a_loop_of_solves():
+def test_rows_equal_a_loop_of_solves() -> None:
     A, B, penalty = problem()
     C = functional_map(A, B, penalty)
     for i in range(len(B)):
@@ -22,14 +22,14 @@ def test_rows_equal_a_loop_of_solves():
         np.testing.assert_allclose(C[i], row, rtol=1e-7, atol=1e-8)
 
 
-def test_it_is_the_minimum():
+def test_it_is_the_minimum() -> None:
     A, B, penalty = problem()
     C = functional_map(A, B, penalty).requires_grad_()
     ((C @ A - B).square().sum() + (penalty * C.square()).sum()).backward()
     assert C.grad.abs().max() < 1e-6
 
 
-def test_identical_pair_gives_the_identity():
+def test_identical_pair_gives_the_identity() -> None:
     A, _, _ = problem()
     values = torch.linspace(0, 50, len(A), dtype=torch.float64)
     # Off the diagonal the penalty pushes to zero, where the identity has zero: nothing to trade.
@@ -37,20 +37,20 @@ def test_identical_pair_gives_the_identity():
     torch.testing.assert_close(C, torch.eye(len(A), dtype=torch.float64), rtol=0, atol=1e-7)
 
 
-def test_a_known_map_is_recovered():
+def test_a_known_map_is_recovered() -> None:
     A, _, penalty = problem()
     known = torch.linalg.qr(torch.randn(9, 9, dtype=torch.float64))[0]
     torch.testing.assert_close(functional_map(A, known @ A, 0 * penalty), known, rtol=0, atol=1e-7)
 
 
-def test_gradient_against_finite_differences():
+def test_gradient_against_finite_differences() -> None:
     A, B, penalty = problem(4, 6)
     assert torch.autograd.gradcheck(
         lambda a, b: functional_map(a, b, penalty), (A.requires_grad_(), B.requires_grad_())
     )
 
 
-def test_resolvent_mask_is_zero_where_frequencies_agree():
+def test_resolvent_mask_is_zero_where_frequencies_agree() -> None:
     values = torch.tensor([0.0, 2.0, 5.0])
     mask = resolvent_mask(values, values, 0.5)
     torch.testing.assert_close(mask.diagonal(), torch.zeros(3))

@@ -17,7 +17,7 @@ def inputs(n_x=37, n_y=29, channels=8):
     ]
 
 
-def test_blocks_equal_the_dense_map_and_its_gradient():
+def test_blocks_equal_the_dense_map_and_its_gradient() -> None:
     for block in (8, 10, 100):
         fast, plain = inputs(), inputs()
         out = soft_maps(*fast, temperature=0.07, block_rows=block)
@@ -30,12 +30,12 @@ def test_blocks_equal_the_dense_map_and_its_gradient():
             torch.testing.assert_close(a.grad, b.grad, rtol=1e-8, atol=1e-10)
 
 
-def test_gradient_against_finite_differences():
+def test_gradient_against_finite_differences() -> None:
     arguments = inputs(7, 6, 3)
     assert torch.autograd.gradcheck(lambda *a: soft_maps(*a, 0.5, 3), arguments)
 
 
-def test_rows_sum_to_one_and_own_features_find_themselves():
+def test_rows_sum_to_one_and_own_features_find_themselves() -> None:
     F = torch.eye(20, dtype=torch.float64)
     values = torch.arange(20.0, dtype=torch.float64)[:, None]
     ones = torch.ones(20, 1, dtype=torch.float64)
@@ -46,7 +46,7 @@ def test_rows_sum_to_one_and_own_features_find_themselves():
     torch.testing.assert_close(back[:, :1], values)
 
 
-def test_single_precision_stays_close():
+def test_single_precision_stays_close() -> None:
     wide = inputs()
     narrow = [w.detach().float() for w in wide]
     for a, b in zip(soft_maps(*narrow, 0.07, 16), soft_maps(*wide, 0.07, 16), strict=True):

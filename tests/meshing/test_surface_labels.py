@@ -27,7 +27,7 @@ def tube(
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.8, 0.8, 2.0)])
-def test_the_border_is_between_the_voxels_of_either_side(spacing):
+def test_the_border_is_between_the_voxels_of_either_side(spacing) -> None:
     mask = tube(20.0, spacing)
     mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=3000))
     found = surface_labels(mesh, mask)
@@ -42,7 +42,7 @@ def test_the_border_is_between_the_voxels_of_either_side(spacing):
     assert ((found.shares > 0.05) & (found.shares < 0.95)).any()  # it fades, over about a voxel
 
 
-def test_a_slanted_border_keeps_its_axes():
+def test_a_slanted_border_keeps_its_axes() -> None:
     mask = tube(20.0, slant=0.8)
     mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=2000))
     found = surface_labels(mesh, mask)
@@ -51,14 +51,14 @@ def test_a_slanted_border_keeps_its_axes():
     assert (found.labels[ahead > 1] == 7).all()
 
 
-def test_a_vertex_far_from_all_voxels_has_the_nearest_ones_label():
+def test_a_vertex_far_from_all_voxels_has_the_nearest_ones_label() -> None:
     mask = tube(20.0)
     mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=1000))
     moved = dataclasses.replace(mesh, vertices=mesh.vertices + np.array([0, 300.0, 0]))
     assert (surface_labels(moved, mask).labels == 7).all()
 
 
-def test_a_mask_without_labels_is_refused():
+def test_a_mask_without_labels_is_refused() -> None:
     mask = dataclasses.replace(tube(20.0), labels=None)
     mesh, _ = mesh_from_mask(mask, MeshingSettings(faces=500))
     with pytest.raises(CaseError, match="no labels of parts"):

@@ -53,13 +53,13 @@ def first(workplace: Path) -> nbformat.NotebookNode:
     return execute(FIRST, workplace)
 
 
-def test_masks_to_model(first: nbformat.NotebookNode, workplace: Path):
+def test_masks_to_model(first: nbformat.NotebookNode, workplace: Path) -> None:
     assert outputs(first) == outputs(read(FIRST))
     assert (workplace / "runs" / "luna16" / "report" / "index.html").is_file()
 
 
 @pytest.mark.usefixtures("first")
-def test_modes_of_variation_and_its_sliders(workplace: Path):
+def test_modes_of_variation_and_its_sliders(workplace: Path) -> None:
     notebook = execute(SECOND, workplace)
     assert outputs(notebook) == outputs(read(SECOND))
     png = [cell for cell in notebook.cells if cell.get("outputs")][-1].outputs[0].data["image/png"]
@@ -69,7 +69,7 @@ def test_modes_of_variation_and_its_sliders(workplace: Path):
     assert np.abs(shape[..., 0] - shape[..., 2]).max() > 50
 
 
-def test_match_and_interpolate(tmp_path: Path):
+def test_match_and_interpolate(tmp_path: Path) -> None:
     notebook = execute(THIRD, tmp_path)
     assert outputs(notebook) == outputs(read(THIRD))
     # On lungs turned by up to 60 degrees the method is to beat rigid alignment, at the worst too.
@@ -88,7 +88,7 @@ def test_match_and_interpolate(tmp_path: Path):
 
 
 @pytest.mark.parametrize("name", [FIRST, SECOND, THIRD])
-def test_is_kept_with_its_pictures_and_small(name: str):
+def test_is_kept_with_its_pictures_and_small(name: str) -> None:
     notebook = read(name)
     shown = {kind for kinds in outputs(notebook) for kind in kinds}
     assert "image/png" in shown

@@ -1,11 +1,11 @@
 from ssm_pipeline.report.case_names import short_names
 
 
-def test_short_ids_stay():
+def test_short_ids_stay() -> None:
     assert short_names(["a", "hippocampus_003"]) == {"a": "a", "hippocampus_003": "hippocampus_003"}
 
 
-def test_long_ids_keep_the_digits_that_tell_them_apart():
+def test_long_ids_keep_the_digits_that_tell_them_apart() -> None:
     ids = [f"1.3.6.1.4.1.14519.5.2.1.6279.6001.{number}" for number in ("1112345678", "2212345678")]
     assert short_names([*ids, "other"]) == {
         ids[0]: "…112345678",
@@ -14,13 +14,13 @@ def test_long_ids_keep_the_digits_that_tell_them_apart():
     }
 
 
-def test_the_part_that_tells_cases_apart_is_kept_wherever_it_stands():
+def test_the_part_that_tells_cases_apart_is_kept_wherever_it_stands() -> None:
     ids = [f"sub-{number:03d}_{'left-lung-segmentation-' * 2}v2" for number in (7, 112)]
     assert short_names(ids) == {ids[0]: "sub-007…", ids[1]: "sub-112…"}
     ids = [f"{'left-lung-of-patient-' * 2}{number}{'-segmentation' * 3}" for number in (7, 112)]
     assert short_names(ids) == {ids[0]: "…ient-7…", ids[1]: "…nt-112…"}
 
 
-def test_one_long_id_is_cut():
+def test_one_long_id_is_cut() -> None:
     (name,) = short_names(["x" * 60]).values()
     assert len(name) < 12

@@ -16,7 +16,7 @@ def checked(content, **columns):
     return check_cases(dataclasses.replace(content, check=table, check_pictures={ids[2]: b"png"}))
 
 
-def test_striking_cases_come_first_with_their_reason(content):
+def test_striking_cases_come_first_with_their_reason(content) -> None:
     remarks = [""] * 8
     remarks[2], remarks[5] = "mirrored", "size"
     found = checked(content, volume_z=[0.0] * 8, remarks=remarks)
@@ -27,12 +27,12 @@ def test_striking_cases_come_first_with_their_reason(content):
     assert found.cases[1].picture is None
 
 
-def test_without_a_check_there_is_no_section(content):
+def test_without_a_check_there_is_no_section(content) -> None:
     assert check_cases(content) is None
     with pytest.raises(ValueError, match="cohort_check lacks column"):
         dataclasses.replace(content, check=pd.DataFrame({"volume_z": [1.0]}))
 
 
-def test_unknown_scores_and_no_remarks(content):
+def test_unknown_scores_and_no_remarks(content) -> None:
     found = checked(content, volume_z=[float("nan")] * 8, remarks=[None] * 8)
     assert found.striking == 0

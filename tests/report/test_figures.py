@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +17,13 @@ from ssm_pipeline.report.settings import FigureSettings
 SMALL = FigureSettings(width_mm=120, dpi=50, format="png", modes=2, interpolation_steps=3)
 
 
-def test_normals_of_a_sphere_are_its_directions():
+def test_normals_of_a_sphere_are_its_directions() -> None:
     points, faces = even_sphere(2000)
     # Second order in the edge length, 0.08 here.
     np.testing.assert_allclose(vertex_normals(10 * points, faces), points, atol=0.02)
 
 
-def test_views_show_the_right_axes():
+def test_views_show_the_right_axes() -> None:
     points, faces = even_sphere(800)
     box = points * (10.0, 20.0, 40.0)  # left-right, front-back, head-foot
     for view, ratio in ((FRONT, 10 / 40), (LEFT, 20 / 40), (ABOVE, 10 / 20)):
@@ -31,7 +32,7 @@ def test_views_show_the_right_axes():
         assert columns / rows == pytest.approx(ratio, abs=0.03)  # a pixel or two in a hundred
 
 
-def test_left_is_on_the_viewers_right_and_head_is_up():
+def test_left_is_on_the_viewers_right_and_head_is_up() -> None:
     points, faces = even_sphere(800)
     marked = points * 20
     values = np.where((points[:, 0] > 0) & (points[:, 2] > 0), 1.0, -1.0)
@@ -42,14 +43,14 @@ def test_left_is_on_the_viewers_right_and_head_is_up():
     assert columns.mean() > image.shape[1] / 2
 
 
-def test_every_picture_of_a_set_is_its_own_and_all_share_a_scale():
+def test_every_picture_of_a_set_is_its_own_and_all_share_a_scale() -> None:
     points, faces = even_sphere(800)
     large, small = render([Scene(r * points, faces) for r in (20, 10)], 120, FRONT)
     covered = [(image[..., 3] > 0).sum() for image in (large, small)]
     assert covered[0] / covered[1] == pytest.approx(4, rel=0.05)  # pixels at the rim
 
 
-def test_signed_distance_of_a_grown_sphere_is_the_growth(content):
+def test_signed_distance_of_a_grown_sphere_is_the_growth(content) -> None:
     model = content.model
     normals = vertex_normals(model.mean, model.faces)
     np.testing.assert_allclose(signed_distance(model.mean + 2.5 * normals, model), 2.5)
@@ -66,13 +67,13 @@ def test_signed_distance_of_a_grown_sphere_is_the_growth(content):
     ],
     ids=["modes", "correspondence", "interpolation", "curves"],
 )
-def test_figures_have_the_width_asked_and_show_something(content, draw):
+def test_figures_have_the_width_asked_and_show_something(content, draw) -> None:
     image = imread(io.BytesIO(figures.figure_bytes(draw(content), SMALL)))
     assert image.shape[1] == pytest.approx(120 / 25.4 * 50, abs=1)
     assert image[..., :3].std() > 0.02
 
 
-def test_written_pdf_embeds_editable_fonts_and_repeats(content, tmp_path):
+def test_written_pdf_embeds_editable_fonts_and_repeats(content, tmp_path: Path) -> None:
     settings = SMALL.model_copy(update={"format": "pdf"})
     files = figures.write_figures(content, tmp_path, settings)
     assert {f.name for f in files} == {
@@ -88,7 +89,7 @@ def test_written_pdf_embeds_editable_fonts_and_repeats(content, tmp_path):
     assert again == quality
 
 
-def test_fourteen_methods_are_told_apart_and_named_once():
+def test_fourteen_methods_are_told_apart_and_named_once() -> None:
     figure = figures.curves(make_cohort(60, 6).metrics, SMALL)
     for axis in figure.axes:
         assert len({(line.get_color(), line.get_linestyle()) for line in axis.lines}) == 14
@@ -97,11 +98,11 @@ def test_fourteen_methods_are_told_apart_and_named_once():
     assert "surface distance" in figure.axes[1].get_ylabel()
 
 
-def test_long_ids_are_short_under_pictures():
+def test_long_ids_are_short_under_pictures() -> None:
     figure = figures.correspondence_figure(make_cohort(60, 6), SMALL)
     assert max(len(axis.get_title().split("\n")[0]) for axis in figure.axes) < 12
 
 
-def test_no_tables_no_curves():
+def test_no_tables_no_curves() -> None:
     with pytest.raises(ValueError, match="no table"):
         figures.curves({})

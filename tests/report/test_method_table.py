@@ -51,7 +51,7 @@ def differences(low: float, high: float, p: float | None = None) -> dict[str, li
         (-0.1, -0.01, 0.04, "better"),
     ],
 )
-def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict):
+def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict) -> None:
     table = first(comparison(**differences(low, high, p)))
     (difference,) = [d for row in table.rows if row.method == "bcpd" for _, d in row.cells]
     assert difference is not None
@@ -59,7 +59,7 @@ def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict):
     assert difference.verdict in difference.label
 
 
-def test_places_on_the_axis_are_those_of_the_values():
+def test_places_on_the_axis_are_those_of_the_values() -> None:
     table = first(comparison(**differences(0.1, 0.3)))
     reach = float(table.measures[0].axis)
     (_, bcpd, _) = [row.cells[0][1] for row in table.rows]
@@ -69,20 +69,20 @@ def test_places_on_the_axis_are_those_of_the_values():
     assert bcpd.at_high == pytest.approx(50 + 50 * 0.3 / reach)
 
 
-def test_best_generalisation_comes_first():
+def test_best_generalisation_comes_first() -> None:
     table = first(comparison(generalisation_surface_mm=[1.2, 1.0, 1.1]))
     assert [row.method for row in table.rows] == ["bcpd", "S3M", "full"]
     assert not table.measures[0].has_difference
 
 
-def test_a_comparison_of_names_alone_is_shown():
+def test_a_comparison_of_names_alone_is_shown() -> None:
     table = first(comparison())
     assert [row.cells for row in table.rows] == [(), (), ()]
     assert method_tables({}) == (None, None)
     assert method_tables(comparison())[1] is None
 
 
-def test_traits_come_from_the_tables_and_else_from_the_names():
+def test_traits_come_from_the_tables_and_else_from_the_names() -> None:
     scores = pd.DataFrame(
         {"method": ["full", "full", "adaptation only"], "matching_saw_case": [True, True, False]}
     )
@@ -99,7 +99,7 @@ def test_traits_come_from_the_tables_and_else_from_the_names():
     assert method_traits(told)["bcpd"] == (False, None)
 
 
-def test_with_three_intervals_p_is_on_hover():
+def test_with_three_intervals_p_is_on_hover() -> None:
     metrics = make_cohort(60, 6).metrics
     table = first(metrics)
     assert [m.has_difference for m in table.measures] == [True] * 3
@@ -108,7 +108,7 @@ def test_with_three_intervals_p_is_on_hover():
     assert first({"comparison": metrics["comparison"].drop(columns=unseen)}).shows_p
 
 
-def test_labels_join_the_comparison_by_method():
+def test_labels_join_the_comparison_by_method() -> None:
     labels = pd.DataFrame(
         {
             "method": ["S3M", "full"],
@@ -127,7 +127,7 @@ def test_labels_join_the_comparison_by_method():
     assert shown["S3M"][1].verdict == "worse"
 
 
-def test_the_floor_of_the_chamfer_distance_is_a_row():
+def test_the_floor_of_the_chamfer_distance_is_a_row() -> None:
     metrics = make_cohort(60, 6).metrics
     floor = further(metrics).rows[-1]
     assert floor.kind == "floor"
@@ -138,7 +138,7 @@ def test_the_floor_of_the_chamfer_distance_is_a_row():
     assert all(row.kind != "floor" for row in first(metrics).rows)
 
 
-def test_what_the_tables_of_methods_show_is_not_told_again():
+def test_what_the_tables_of_methods_show_is_not_told_again() -> None:
     table = make_cohort(60, 6).metrics["comparison"].assign(generalisation_chamfer_curve_mm=3.0)
     assert list(without_shown(table)) == [
         "method", "modes", "cases", "points", "specificity_hd95_mm", "specificity_hd95_se_mm",

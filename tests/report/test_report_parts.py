@@ -21,7 +21,7 @@ def shown(table: pd.DataFrame) -> list[tuple[str, ...]]:
     return [tuple(cell.text for cell in row) for row in readable(table).rows]
 
 
-def test_headings_carry_units():
+def test_headings_carry_units() -> None:
     assert heading("volume_ml") == "Volume (ml)"
     assert heading("hd95_mm") == "95th percentile (mm)"
     assert heading("min_angle_deg") == "Smallest angle (degrees)"
@@ -29,7 +29,7 @@ def test_headings_carry_units():
     assert whole_heading("to_case_mm") == "Template to case, mean (mm)"
 
 
-def test_columns_that_begin_alike_share_a_heading():
+def test_columns_that_begin_alike_share_a_heading() -> None:
     columns = ["case_id", "surface_mean_mm", "surface_hd95_mm", "to_case_mm", "modes"]
     found = headings(columns)
     assert [h.group for h in found] == ["", "Surface distance", "Surface distance", "", ""]
@@ -43,7 +43,7 @@ def test_columns_that_begin_alike_share_a_heading():
     assert table.groups == (("", 1), ("Surface distance", 2), ("", 1), ("", 1))
 
 
-def test_numbers_are_rounded_by_column_and_errors_joined():
+def test_numbers_are_rounded_by_column_and_errors_joined() -> None:
     table = pd.DataFrame(
         {
             "case_id": ["a", "b"],
@@ -59,20 +59,20 @@ def test_numbers_are_rounded_by_column_and_errors_joined():
     assert result.is_number == (False, True, True, False)
 
 
-def test_intervals_are_joined():
+def test_intervals_are_joined() -> None:
     table = pd.DataFrame(
         {"border_mm": [12.25, 13.0], "border_low_mm": [12.0, 12.5], "border_high_mm": [12.5, 13.5]}
     )
     assert shown(table)[0] == ("12.2 (12.0 to 12.5)",)
 
 
-def test_long_ids_are_short_and_whole_on_hover():
+def test_long_ids_are_short_and_whole_on_hover() -> None:
     table = readable(pd.DataFrame({"case_id": ["x" * 60, "b"]}), {"x" * 60: "…x"})
     assert table.rows[0] == (Cell("…x", "x" * 60),)
     assert table.rows[1] == (Cell("b", "b"),)
 
 
-def test_what_every_row_says_is_told_once():
+def test_what_every_row_says_is_told_once() -> None:
     table = readable(
         pd.DataFrame(
             {
@@ -88,17 +88,17 @@ def test_what_every_row_says_is_told_once():
     assert table.shared == (("Points", "4000"), ("Template to case, mean (mm)", "0"))
 
 
-def test_one_row_keeps_its_columns():
+def test_one_row_keeps_its_columns() -> None:
     assert len(readable(pd.DataFrame({"case_id": ["a"], "points": [4000]})).headings) == 2
 
 
-def test_round_off_of_a_zero_is_a_plain_zero():
+def test_round_off_of_a_zero_is_a_plain_zero() -> None:
     table = pd.DataFrame({"x_mm": [-1e-15, 0.0], "y": [1, 2]})
     assert readable(table).shared == (("X (mm)", "0"),)
     assert shown(pd.DataFrame({"x_mm": [-0.001, 1.25]}))[0] == ("−0.001",)
 
 
-def test_tiny_p_values_are_not_written_as_zero():
+def test_tiny_p_values_are_not_written_as_zero() -> None:
     assert [p_text(p) for p in (0.5, 0.0312, 2e-9, float("nan"))] == [
         "0.500",
         "0.031",
@@ -107,7 +107,7 @@ def test_tiny_p_values_are_not_written_as_zero():
     ]
 
 
-def test_nested_settings_become_dotted_names():
+def test_nested_settings_become_dotted_names() -> None:
     assert list(flattened({"a": {"b": 1, "c": {"d": "x"}}, "e": 2})) == [
         ("a.b", "1"),
         ("a.c.d", "x"),
@@ -115,7 +115,7 @@ def test_nested_settings_become_dotted_names():
     ]
 
 
-def test_curves_average_cases_and_keep_given_errors():
+def test_curves_average_cases_and_keep_given_errors() -> None:
     cases = pd.DataFrame(
         {"case_id": ["a", "b", "a", "b"], "modes": [1, 1, 2, 2], "chamfer_mm": [1.0, 3.0, 1.0, 1.0]}
     )
@@ -127,7 +127,7 @@ def test_curves_average_cases_and_keep_given_errors():
     assert curve(averaged, "chamfer_mm")["se"].tolist() == [0.25]
 
 
-def test_compactness_is_shown_in_percent():
+def test_compactness_is_shown_in_percent() -> None:
     tables = {"compactness": pd.DataFrame({"modes": [1, 2], "share": [0.6, 1.0]})}
     assert quality_curves(tables)["compactness"]["value"].tolist() == pytest.approx([60, 100])
 
@@ -138,7 +138,7 @@ def markups(system: str) -> dict:
     return {"markups": [{"coordinateSystem": system, "controlPoints": [point, pending]}]}
 
 
-def test_landmarks_come_out_in_lps():
+def test_landmarks_come_out_in_lps() -> None:
     assert landmarks_from_markups(markups("LPS")).positions.tolist() == [[1, 2, 3]]
     assert landmarks_from_markups(markups("RAS")).positions.tolist() == [[-1, -2, 3]]
     assert landmarks_from_markups(markups("RAS")).names == ("apex",)
@@ -148,7 +148,7 @@ def test_landmarks_come_out_in_lps():
         landmarks_from_markups({"markups": []})
 
 
-def test_landmarks_move_with_their_triangle():
+def test_landmarks_move_with_their_triangle() -> None:
     template = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
     faces = np.array([[0, 1, 2]])
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -158,7 +158,7 @@ def test_landmarks_move_with_their_triangle():
     np.testing.assert_allclose(carried[:, 0], [[3, 5, 1], [-2, 1, 0]], atol=1e-12)
 
 
-def test_packed_points_are_within_half_a_step():
+def test_packed_points_are_within_half_a_step() -> None:
     points = np.random.default_rng(0).uniform(-150, 150, (40, 3))
     faces = np.array([[0, 1, 2], [3, 4, 70000]])
     block = Block()
@@ -176,12 +176,12 @@ def test_packed_points_are_within_half_a_step():
     np.testing.assert_array_equal(indices.reshape(2, 3), faces)
 
 
-def test_round_numbers():
+def test_round_numbers() -> None:
     assert [round_up(v) for v in (0.3, 1.0, 7.0, 12.0)] == pytest.approx([0.5, 1, 10, 20])
     assert round_up(12.0, FINE) == pytest.approx(15)
 
 
-def test_grid_lines_lie_on_planes_and_a_touching_plane_paints_no_blot():
+def test_grid_lines_lie_on_planes_and_a_touching_plane_paints_no_blot() -> None:
     template = np.array([[-50.0, -50, -50], [50, 50, 50]])
     on_line, between = [20.3, 5.0, 5.0], [25.0, 5.0, 5.0]
     up, sideways = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
@@ -193,7 +193,7 @@ def test_grid_lines_lie_on_planes_and_a_touching_plane_paints_no_blot():
     assert (colours.sum(axis=1)[1:] > 200).all()
 
 
-def test_patterned_shapes_keep_surface_and_welds(content):
+def test_patterned_shapes_keep_surface_and_welds(content) -> None:
     template, faces = content.template_vertices, content.model.faces
     (scene,) = patterned_scenes([content.model.mean], faces, template, steps=3)
     assert len(scene.faces) == 9 * len(faces)

@@ -13,7 +13,7 @@ def losses(steps: int = 1000, **columns) -> pd.DataFrame:
     return pd.DataFrame({"step": np.arange(1, steps + 1), "total": 5.0, **columns})
 
 
-def test_a_term_that_begins_later_has_no_line_before():
+def test_a_term_that_begins_later_has_no_line_before() -> None:
     arap = np.where(np.arange(1000) < 500, np.nan, 2.0)
     (chart,) = training_charts(losses(arap=arap))
     lines = {line["name"]: line for line in chart["lines"]}
@@ -25,17 +25,17 @@ def test_a_term_that_begins_later_has_no_line_before():
     assert set(lines["arap"]["x"]) <= set(lines["total"]["x"])
 
 
-def test_points_are_means_over_steps():
+def test_points_are_means_over_steps() -> None:
     (chart,) = training_charts(losses(steps=240, align=np.tile([1.0, 3.0], 120)))
     assert set(chart["lines"][1]["y"]) == {2.0}
 
 
-def test_losses_that_reach_zero_or_below_have_a_plain_axis():
+def test_losses_that_reach_zero_or_below_have_a_plain_axis() -> None:
     assert training_charts(losses(align=1.0))[0]["log"]
     assert not training_charts(losses(variance=-1.0))[0]["log"]
 
 
-def test_what_is_watched_has_charts_of_its_own():
+def test_what_is_watched_has_charts_of_its_own() -> None:
     titles = [chart["title"] for chart in training_charts(losses(map_extent=0.9, share_hit=0.5))]
     assert titles == ["Losses", "Extent of the soft map", "Vertices hit"]
     assert training_charts(None) == []
@@ -45,12 +45,12 @@ def test_what_is_watched_has_charts_of_its_own():
     ("extent", "cosine", "told"),
     [(0.04, 0.1, "4 % of its target"), (0.99, 0.976, "mean cosine 0.98"), (0.99, 0.1, None)],
 )
-def test_a_collapsed_map_is_told(extent, cosine, told):
+def test_a_collapsed_map_is_told(extent, cosine, told) -> None:
     warning = collapse_warning(losses(map_extent=extent, mean_cosine=cosine))
     assert (warning is None) if told is None else (told in str(warning))
 
 
-def test_only_the_end_of_the_training_is_judged():
+def test_only_the_end_of_the_training_is_judged() -> None:
     extent = np.where(np.arange(1000) < 850, 0.01, 0.98)
     assert collapse_warning(losses(map_extent=extent)) is None
     assert collapse_warning(losses()) is None  # nothing was watched

@@ -58,7 +58,7 @@ def renew(workflow: Workflow, run_folder: Path, file: Path) -> Said:
 
 def test_landmarks_are_shown_on_every_case_and_renewed_with_their_file(
     workflow: Workflow, run_copy: Path, tmp_path: Path
-):
+) -> None:
     run, vertices = load_run(run_copy), [3, 40]
     file = write_markups(tmp_path / "marks.mrk.json", on_template(run, vertices))
     said = renew(workflow, run_copy, file)
@@ -78,7 +78,9 @@ def test_landmarks_are_shown_on_every_case_and_renewed_with_their_file(
     assert renewed == {"report"}
 
 
-def test_landmarks_of_another_place_are_refused(workflow: Workflow, run_copy: Path, tmp_path: Path):
+def test_landmarks_of_another_place_are_refused(
+    workflow: Workflow, run_copy: Path, tmp_path: Path
+) -> None:
     points = on_template(load_run(run_copy), [3, 40])
     points[1] += 200
     said = renew(workflow, run_copy, write_markups(tmp_path / "far.mrk.json", points))
@@ -87,7 +89,7 @@ def test_landmarks_of_another_place_are_refused(workflow: Workflow, run_copy: Pa
     assert "Place it on meshes/template.ply" in said.stderr
 
 
-def test_a_missing_file_says_so_before_any_work(tmp_path: Path):
+def test_a_missing_file_says_so_before_any_work(tmp_path: Path) -> None:
     settings = tiny_settings(tmp_path / "masks")
     changed = settings.report.model_copy(update={"landmarks": tmp_path / "none.mrk.json"})
     settings = settings.model_copy(update={"report": changed})
@@ -108,7 +110,7 @@ def test_a_missing_file_says_so_before_any_work(tmp_path: Path):
         '{"markups": null}',
     ],
 )
-def test_a_file_without_markups_is_refused(text: str, tmp_path: Path):
+def test_a_file_without_markups_is_refused(text: str, tmp_path: Path) -> None:
     file = tmp_path / "marks.mrk.json"
     file.write_text(text)
     with pytest.raises(StudyError, match=r"marks\.mrk\.json holds no markups: .* Save it from"):

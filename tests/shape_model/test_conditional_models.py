@@ -33,7 +33,7 @@ def coordinates_of(vertices: np.ndarray) -> np.ndarray:
     return (3 * vertices[:, None] + np.arange(3)).ravel()
 
 
-def test_the_posterior_is_the_conditional_normal_distribution():
+def test_the_posterior_is_the_conditional_normal_distribution() -> None:
     model, noise = small_model(), 0.7
     points = model.mean[SEEN] + np.random.default_rng(1).standard_normal((3, 3))
     C, seen = covariance(model), coordinates_of(SEEN)
@@ -51,7 +51,7 @@ def test_the_posterior_is_the_conditional_normal_distribution():
     np.testing.assert_allclose(posterior.vertex_covariances, blocks, atol=1e-10)
 
 
-def test_a_posterior_is_sharp_without_noise_and_the_model_itself_with_much():
+def test_a_posterior_is_sharp_without_noise_and_the_model_itself_with_much() -> None:
     model = small_model()
     points = model.reconstruct([0.5, -1.0, 0.3])[SEEN]
     sharp, blind = model.posterior(SEEN, points, 1e-4), model.posterior(SEEN, points, 1e6)
@@ -60,7 +60,7 @@ def test_a_posterior_is_sharp_without_noise_and_the_model_itself_with_much():
     np.testing.assert_allclose(blind.variances, model.variances, rtol=1e-6)
 
 
-def test_all_points_with_noise_give_the_scores_of_probabilistic_pca():
+def test_all_points_with_noise_give_the_scores_of_probabilistic_pca() -> None:
     """Tipping and Bishop 1999: E[b] = (λ/(λ + σ²)) times the projection, mode by mode."""
     model, noise = small_model(), 0.9
     points = np.random.default_rng(2).standard_normal((6, 3))
@@ -71,7 +71,7 @@ def test_all_points_with_noise_give_the_scores_of_probabilistic_pca():
     np.testing.assert_allclose(posterior.variances, expected, atol=1e-10)
 
 
-def test_modes_are_those_of_scikit_learn():
+def test_modes_are_those_of_scikit_learn() -> None:
     points = np.random.default_rng(5).standard_normal((9, 6, 3))
     model = pca_model(CorrespondedShapes(points, FACES, tuple("abcdefghi"), "a"))
     other = PCA(8).fit(points.reshape(9, -1))
@@ -82,7 +82,7 @@ def test_modes_are_those_of_scikit_learn():
     np.testing.assert_allclose(np.abs(model.coefficients(points)), np.abs(scores), atol=1e-7)
 
 
-def test_the_marginal_keeps_the_covariance_of_its_vertices():
+def test_the_marginal_keeps_the_covariance_of_its_vertices() -> None:
     model = small_model()
     part = model.marginal(SEEN)
     seen = coordinates_of(SEEN)
@@ -95,7 +95,7 @@ def test_the_marginal_keeps_the_covariance_of_its_vertices():
     np.testing.assert_array_equal(model.marginal(np.array([3, 2, 1])).faces, [[2, 0, 1]])
 
 
-def test_a_marginal_of_the_posterior_is_the_posterior_of_the_marginal():
+def test_a_marginal_of_the_posterior_is_the_posterior_of_the_marginal() -> None:
     model, points = small_model(), np.zeros((3, 3))
     one = model.posterior(SEEN, points, 0.5).marginal(SEEN)
     other = model.marginal(SEEN).posterior(np.arange(3), points, 0.5)
@@ -103,7 +103,7 @@ def test_a_marginal_of_the_posterior_is_the_posterior_of_the_marginal():
     np.testing.assert_allclose(covariance(one), covariance(other), atol=1e-10)
 
 
-def test_a_transformed_model_makes_the_transformed_shapes():
+def test_a_transformed_model_makes_the_transformed_shapes() -> None:
     model = small_model()
     turn = Rotation.from_euler("xyz", [20, -50, 70], degrees=True).as_matrix()
     frame = Similarity(1.4, turn, np.array([5.0, -3.0, 100.0]))
@@ -118,7 +118,7 @@ def test_a_transformed_model_makes_the_transformed_shapes():
     )
 
 
-def test_projecting_twice_changes_nothing_and_leaves_what_no_mode_can_make():
+def test_projecting_twice_changes_nothing_and_leaves_what_no_mode_can_make() -> None:
     model = small_model()
     points = np.random.default_rng(6).standard_normal((6, 3))
     nearest = model.project(points)
@@ -127,14 +127,14 @@ def test_projecting_twice_changes_nothing_and_leaves_what_no_mode_can_make():
     np.testing.assert_allclose(model.modes.reshape(model.mode_count, -1) @ rest, 0, atol=1e-12)
 
 
-def test_log_pdf_is_that_of_independent_standard_normals():
+def test_log_pdf_is_that_of_independent_standard_normals() -> None:
     model = small_model()
     scores = np.random.default_rng(7).standard_normal((4, model.mode_count))
     expected = multivariate_normal(np.zeros(model.mode_count)).logpdf(scores)
     np.testing.assert_allclose(model.log_pdf(scores), expected)
 
 
-def test_a_model_cannot_be_changed_and_does_not_follow_what_it_was_made_of():
+def test_a_model_cannot_be_changed_and_does_not_follow_what_it_was_made_of() -> None:
     model = small_model()
     for array in (model.mean, model.modes, model.variances, model.faces, model.scores):
         with pytest.raises(ValueError, match="read-only"):
@@ -147,7 +147,7 @@ def test_a_model_cannot_be_changed_and_does_not_follow_what_it_was_made_of():
     assert (model == small_model()) is False
 
 
-def test_wrong_observations_are_refused():
+def test_wrong_observations_are_refused() -> None:
     model = small_model()
     with pytest.raises(ValueError, match=r"points have shape \(2, 3\) for 3 vertices"):
         model.posterior(SEEN, np.zeros((2, 3)), 1.0)

@@ -27,13 +27,13 @@ def cohort() -> CorrespondedShapes:
     return CorrespondedShapes(np.stack(points), mesh.faces, tuple("abcd"), "b")
 
 
-def test_the_mean_of_equal_shapes_lies_on_each(cohort):
+def test_the_mean_of_equal_shapes_lies_on_each(cohort) -> None:
     means = placed_means(cohort, mean_of="abc")
     for case_id, points in zip("abc", cohort.vertices[:3], strict=True):
         np.testing.assert_allclose(means[case_id], points, atol=1e-6)
 
 
-def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort):
+def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort) -> None:
     bent = cohort.vertices[3]
     away = {
         name: np.linalg.norm(placed_means(cohort, mean_of=of)["d"] - bent, axis=1).mean()
@@ -43,7 +43,7 @@ def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort):
     assert 0.6 * away["without"] < away["with"] < 0.9 * away["without"]  # it is a quarter of it
 
 
-def test_a_larger_and_flatter_case_is_reached_by_the_affine_mean_alone():
+def test_a_larger_and_flatter_case_is_reached_by_the_affine_mean_alone() -> None:
     mesh = blob(1, faces=300)
     flat = moved(np.random.default_rng(1)).apply(mesh.vertices * [1.3, 1.2, 0.8])
     shapes = CorrespondedShapes(
@@ -52,7 +52,7 @@ def test_a_larger_and_flatter_case_is_reached_by_the_affine_mean_alone():
     np.testing.assert_allclose(placed_means(shapes, "ab", "affine")["c"], flat, atol=1e-6)
 
 
-def test_a_round_takes_out_what_slid_along_the_surface():
+def test_a_round_takes_out_what_slid_along_the_surface() -> None:
     """Shapes that are stretched copies, each slid at random: the mean slides less, and so do the
     shapes adapted from it."""
     generator = np.random.default_rng(3)
@@ -78,7 +78,7 @@ def test_a_round_takes_out_what_slid_along_the_surface():
     assert error[1] < 0.6 * error[0]
 
 
-def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort):
+def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort) -> None:
     """A new patient among the cohort: its start is the cohort's mean, and it alone is matched."""
     seen = []
 
@@ -101,7 +101,7 @@ def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort):
     assert (after.case_ids, after.template_id) == (cohort.case_ids, "b")
 
 
-def test_the_template_keeps_its_vertices_in_pairwise_matches_only():
+def test_the_template_keeps_its_vertices_in_pairwise_matches_only() -> None:
     mesh = blob(1, faces=300)
     count = len(mesh.vertices)
     off = Correspondence(

@@ -8,7 +8,7 @@ from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
 
-def hand_made(count=40, seed=0):
+def hand_made(count=40, seed: int = 0):
     """A mean and two known orthonormal modes with known scores."""
     mesh = blob(1, faces=200)
     generator = np.random.default_rng(seed)
@@ -23,7 +23,7 @@ def hand_made(count=40, seed=0):
     return shapes, mesh.vertices, flat.reshape(2, -1, 3), scores
 
 
-def test_pca_finds_a_hand_made_model():
+def test_pca_finds_a_hand_made_model() -> None:
     shapes, mean, modes, scores = hand_made()
     model = pca_model(shapes)
     assert model.mode_count == 2
@@ -37,7 +37,7 @@ def test_pca_finds_a_hand_made_model():
     assert (model.modes_for(0.8), model.modes_for(0.9)) == (1, 2)
 
 
-def test_all_modes_reconstruct_every_case():
+def test_all_modes_reconstruct_every_case() -> None:
     generator = np.random.default_rng(1)
     points = generator.standard_normal((6, 30, 3))
     shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdef"), "a")
@@ -50,14 +50,14 @@ def test_all_modes_reconstruct_every_case():
     assert np.all(np.diff(model.variances) <= 0)
 
 
-def test_variances_are_those_of_the_covariance():
+def test_variances_are_those_of_the_covariance() -> None:
     points = np.random.default_rng(2).standard_normal((7, 4, 3))
     shapes = CorrespondedShapes(points, np.zeros((0, 3), int), tuple("abcdefg"), "a")
     values = np.linalg.eigvalsh(np.cov(points.reshape(7, -1).T))[::-1]
     np.testing.assert_allclose(pca_model(shapes).variances, values[:6])
 
 
-def test_of_more_cases_than_coordinates_the_model_is_the_same():
+def test_of_more_cases_than_coordinates_the_model_is_the_same() -> None:
     points = np.random.default_rng(3).standard_normal((2500, 4, 3)) * np.arange(1, 5)[:, None]
     points[:, 3] = points[:, 0] + points[:, 1]  # three coordinates that vary with others
     ids = tuple(f"case_{number}" for number in range(len(points)))
@@ -71,7 +71,7 @@ def test_of_more_cases_than_coordinates_the_model_is_the_same():
     np.testing.assert_allclose(model.reconstruct(model.scores), points, atol=1e-9)
 
 
-def test_samples_have_the_models_variance():
+def test_samples_have_the_models_variance() -> None:
     model = pca_model(hand_made()[0])
     draws = model.coefficients(model.sample(4000, np.random.default_rng(0)))
     # Standard error of a variance of 4000 draws: √(2/4000) = 2.2 %; four of them allowed.
@@ -79,7 +79,7 @@ def test_samples_have_the_models_variance():
     np.testing.assert_allclose(model.truncate(1).reconstruct([2.0]), model.reconstruct([2.0, 0]))
 
 
-def test_bad_sizes_say_what_was_needed():
+def test_bad_sizes_say_what_was_needed() -> None:
     model = pca_model(hand_made()[0])
     with pytest.raises(ValueError, match="3 scores given; the model has 2 modes"):
         model.reconstruct([1, 2, 3])
@@ -94,7 +94,7 @@ def test_bad_sizes_say_what_was_needed():
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
-def test_alignment_undoes_any_pose(with_scale):
+def test_alignment_undoes_any_pose(with_scale) -> None:
     mesh = blob(1, faces=200)
     generator = np.random.default_rng(0)
     moved = []
@@ -110,7 +110,7 @@ def test_alignment_undoes_any_pose(with_scale):
         np.testing.assert_allclose(aligned.vertices[0], moved[0] - moved[0].mean(0), atol=1e-6)
 
 
-def test_a_model_without_size_is_the_same_whichever_case_is_the_template():
+def test_a_model_without_size_is_the_same_whichever_case_is_the_template() -> None:
     generator = np.random.default_rng(0)
     sizes = np.linspace(0.7, 1.4, 6)[:, None, None]
     cases = sizes * (blob(1, faces=200).vertices + generator.normal(0, 0.5, (6, 102, 3)))
@@ -125,13 +125,13 @@ def test_a_model_without_size_is_the_same_whichever_case_is_the_template():
     assert spread[0] == pytest.approx(spread[1], rel=1e-6)
 
 
-def test_alignment_keeps_what_is_not_pose():
+def test_alignment_keeps_what_is_not_pose() -> None:
     shapes, *_ = hand_made()
     aligned, _ = align(shapes)
     assert pca_model(aligned).variances[0] > 30
 
 
-def test_equal_shapes_have_no_modes_and_it_says_so():
+def test_equal_shapes_have_no_modes_and_it_says_so() -> None:
     sphere = np.random.default_rng(0).standard_normal((50, 3))
     faces = np.array([[0, 1, 2]])
     names = ("a", "b", "c", "d")

@@ -51,21 +51,21 @@ ODD = {
 
 
 @pytest.mark.parametrize("mesh", ODD.values(), ids=ODD.keys())
-def test_odd_meshes_have_operators_and_nearly_the_spectrum_of_the_sphere(mesh: Mesh):
+def test_odd_meshes_have_operators_and_nearly_the_spectrum_of_the_sphere(mesh: Mesh) -> None:
     basis = basis_of(mesh, 20)  # refuses what is not finite
     gap = np.sort(basis.eigenvalues)[3:5]
     assert (gap > 1).all(), "more than pieces and the fold's tip have become zero"
     assert np.isfinite(basis.gradient_x @ basis.eigenvectors).all()
 
 
-def test_a_fold_has_no_normal_and_is_given_its_neighbours():
+def test_a_fold_has_no_normal_and_is_given_its_neighbours() -> None:
     mesh = with_a_fold()
     assert not vertex_normals(mesh.vertices, mesh.faces)[COUNT].any()
     basis = basis_of(mesh, 20)
     assert np.abs(basis.gradient_x[COUNT]).max() > 0
 
 
-def test_an_unused_vertex_weighs_nothing_and_follows_its_neighbour():
+def test_an_unused_vertex_weighs_nothing_and_follows_its_neighbour() -> None:
     basis = basis_of(ODD["unused vertex"], 20)
     plain = basis_of(BALL, 20)
     assert basis.mass[COUNT] == 0
@@ -75,7 +75,7 @@ def test_an_unused_vertex_weighs_nothing_and_follows_its_neighbour():
     np.testing.assert_allclose(basis.eigenvectors[COUNT], basis.eigenvectors[nearest])
 
 
-def test_what_is_no_surface_is_refused_by_name():
+def test_what_is_no_surface_is_refused_by_name() -> None:
     flat = Mesh(np.zeros((300, 3)), np.arange(300).reshape(-1, 3), "point")
     with pytest.raises(CaseError, match="case point: its 100 triangles have no area"):
         basis_of(flat, 20)
@@ -85,7 +85,7 @@ def test_what_is_no_surface_is_refused_by_name():
         basis_of(soup, 20)
 
 
-def test_a_basis_that_is_not_finite_is_refused_with_the_vertex():
+def test_a_basis_that_is_not_finite_is_refused_with_the_vertex() -> None:
     basis = basis_of(BALL, 10)
     broken = basis.gradient_x.copy()
     broken.data[broken.indptr[7]] = np.nan
@@ -101,7 +101,7 @@ def test_a_basis_that_is_not_finite_is_refused_with_the_vertex():
     moved=st.integers(0, 20),
     shifted=st.sampled_from([0.0, 1e-9, 1e-3, 0.5]),
 )
-def test_damaged_spheres_are_finite_or_refused(seed, kept, doubled, moved, shifted):
+def test_damaged_spheres_are_finite_or_refused(seed: int, kept, doubled, moved, shifted) -> None:
     """Triangles missing, doubled or turned, vertices laid on others or pushed about."""
     generator = np.random.default_rng(seed)
     faces = FACES[generator.random(len(FACES)) < kept]

@@ -9,7 +9,7 @@ from ssm_pipeline.spectral.settings import SpectralSettings
 from ssm_pipeline.spectral.wave_kernel import wave_kernel_signature
 
 
-def test_sphere_spectrum_is_l_times_l_plus_one():
+def test_sphere_spectrum_is_l_times_l_plus_one() -> None:
     basis = basis_of(sphere(radius=40.0, subdivisions=4), eigenpairs=25)
     # At unit area r² = 1 / 4π, whatever the radius was.
     expected = np.repeat([0, 2, 6, 12, 20], [1, 3, 5, 7, 9]) * 4 * np.pi
@@ -17,14 +17,14 @@ def test_sphere_spectrum_is_l_times_l_plus_one():
     np.testing.assert_allclose(basis.eigenvalues, expected, rtol=0.01, atol=1e-6)
 
 
-def test_sphere_spectrum_converges():
+def test_sphere_spectrum_converges() -> None:
     errors = [
         abs(basis_of(sphere(subdivisions=s), 10).eigenvalues[4] - 6 * 4 * np.pi) for s in (2, 3, 4)
     ]
     assert errors[0] > 3 * errors[1] > 9 * errors[2]
 
 
-def test_flat_ellipsoid_knows_its_long_axis():
+def test_flat_ellipsoid_knows_its_long_axis() -> None:
     ball = sphere(subdivisions=4)
     basis = basis_of(Mesh(ball.vertices * [1, 1, 3], ball.faces, "ellipsoid"), 5)
     first = basis.eigenvectors[:, 1]
@@ -33,7 +33,7 @@ def test_flat_ellipsoid_knows_its_long_axis():
     assert basis.eigenvalues[1] < 0.5 * basis.eigenvalues[2]
 
 
-def test_eigenvectors_are_mass_orthonormal_and_solve_the_problem():
+def test_eigenvectors_are_mass_orthonormal_and_solve_the_problem() -> None:
     basis = basis_of(blob(1), 30)
     Phi, M = basis.eigenvectors, basis.mass[:, None]
     np.testing.assert_allclose(Phi.T @ (M * Phi), np.eye(30), atol=1e-8)
@@ -42,7 +42,7 @@ def test_eigenvectors_are_mass_orthonormal_and_solve_the_problem():
     assert basis.mass.sum() == pytest.approx(1, abs=1e-9)
 
 
-def test_basis_does_not_see_position_size_or_numbering():
+def test_basis_does_not_see_position_size_or_numbering() -> None:
     mesh = blob(2)
     order = np.random.default_rng(0).permutation(len(mesh.vertices))
     rank = np.argsort(order)
@@ -54,7 +54,7 @@ def test_basis_does_not_see_position_size_or_numbering():
     np.testing.assert_allclose(wks_a[order], wks_b, rtol=1e-4, atol=1e-5)
 
 
-def test_gradient_of_a_linear_function_is_its_tangential_part():
+def test_gradient_of_a_linear_function_is_its_tangential_part() -> None:
     basis = basis_of(sphere(subdivisions=4), 5)
     direction = np.array([0.3, -0.5, 0.8])
     f = basis.vertices @ direction
@@ -65,13 +65,13 @@ def test_gradient_of_a_linear_function_is_its_tangential_part():
     np.testing.assert_allclose(length, tangential, atol=0.03)
 
 
-def test_gradient_of_a_constant_is_zero():
+def test_gradient_of_a_constant_is_zero() -> None:
     basis = basis_of(blob(3), 5)
     one = np.ones(len(basis.vertices))
     assert np.abs(basis.gradient_x @ one).max() < 1e-9
 
 
-def test_wave_kernel_matches_the_plain_sum():
+def test_wave_kernel_matches_the_plain_sum() -> None:
     basis = basis_of(blob(1), 12)
     wks = wave_kernel_signature(basis.eigenvalues, basis.eigenvectors, 6)
     logs = np.log(basis.eigenvalues[1:])
@@ -85,6 +85,6 @@ def test_wave_kernel_matches_the_plain_sum():
         np.testing.assert_allclose(wks[:, e], plain, rtol=1e-10)
 
 
-def test_too_few_vertices_names_the_case():
+def test_too_few_vertices_names_the_case() -> None:
     with pytest.raises(CaseError, match=r"case sphere: .*42 vertices.*200.*meshing\.faces"):
         spectral_basis(sphere(subdivisions=1), SpectralSettings(eigenpairs=100))

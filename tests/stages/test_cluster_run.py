@@ -22,7 +22,7 @@ from ssm_pipeline.engine.terminal import Terminal
 
 def test_a_run_on_a_cluster_that_loses_a_worker_leaves_the_bytes_of_one_machine(
     tiny_run: Path, tmp_path: Path
-):
+) -> None:
     runs, terminal = tmp_path / "runs", Terminal()
     (tmp_path / "dask").mkdir()
     settings = tiny_settings(tiny_run.parent.parent / "masks")

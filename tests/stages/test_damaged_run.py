@@ -38,7 +38,7 @@ def masks_of(tiny_run: Path) -> Path:
 
 def test_damaged_results_are_made_again_to_the_same_bytes(
     tiny_run: Path, copy: Path, capsys: pytest.CaptureFixture[str]
-):
+) -> None:
     whole = results(copy)
     mesh = copy / "meshing" / "ball_1" / "mesh.npz"
     mesh.write_bytes(mesh.read_bytes()[:-100])
@@ -58,7 +58,7 @@ def test_damaged_results_are_made_again_to_the_same_bytes(
     assert (copy / "report" / "index.html").stat().st_size > 10_000
 
 
-def test_training_starts_afresh_after_a_damaged_checkpoint(tiny_run: Path, copy: Path):
+def test_training_starts_afresh_after_a_damaged_checkpoint(tiny_run: Path, copy: Path) -> None:
     whole = results(copy)
     key = load_run(copy).stages[3].key
     (copy / "training" / "matcher.pt").unlink()
@@ -67,13 +67,13 @@ def test_training_starts_afresh_after_a_damaged_checkpoint(tiny_run: Path, copy:
     assert results(copy) == whole
 
 
-def test_reading_a_damaged_run_says_what_to_do(copy: Path):
+def test_reading_a_damaged_run_says_what_to_do(copy: Path) -> None:
     (copy / "shape_model" / "model.npz").write_bytes(b"PK")
     with pytest.raises(DamagedFile, match=r"model\.npz is damaged .* run the study again"):
         _ = load_run(copy).model
 
 
-def test_a_run_made_before_sizes_were_kept_goes_on(tiny_run: Path, copy: Path):
+def test_a_run_made_before_sizes_were_kept_goes_on(tiny_run: Path, copy: Path) -> None:
     """Nothing is known of its files, so that only a look inside can find damage."""
     import json
 
@@ -87,7 +87,7 @@ def test_a_run_made_before_sizes_were_kept_goes_on(tiny_run: Path, copy: Path):
 
 
 @pytest.mark.parametrize("when", ["at its writing", "after the run"])
-def test_s3ms_losses_are_made_again_from_its_network(tiny_run: Path, copy: Path, when: str):
+def test_s3ms_losses_are_made_again_from_its_network(tiny_run: Path, copy: Path, when: str) -> None:
     whole = results(copy)
     losses = copy / "evaluation" / "S3M" / "losses.csv"
     losses.write_bytes(losses.read_bytes()[:-9])
@@ -99,7 +99,7 @@ def test_s3ms_losses_are_made_again_from_its_network(tiny_run: Path, copy: Path,
     assert results(copy) == whole
 
 
-def test_s3ms_network_is_trained_again(tiny_run: Path, copy: Path):
+def test_s3ms_network_is_trained_again(tiny_run: Path, copy: Path) -> None:
     whole = results(copy)
     (network,) = (copy / "evaluation" / "S3M").glob("network-*.pt")
     network.write_bytes(network.read_bytes()[:-9])

@@ -52,7 +52,7 @@ def undisturbed(masks: Path, tmp_path_factory: pytest.TempPathFactory) -> Undist
 @pytest.mark.parametrize(("jobs", "kills"), [(1, 30), (2, 10)])
 def test_killed_at_random_moments(
     masks: Path, undisturbed: Undisturbed, tmp_path: Path, jobs: int, kills: int
-):
+) -> None:
     """With two processes a run may be through before the last moments."""
     killed = 0
     for number, moment in enumerate(moments(kills, undisturbed.seconds, seed=jobs)):
@@ -77,7 +77,9 @@ def test_killed_at_random_moments(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", range(len(FAULTS)))
-def test_a_fault_at_every_write(masks: Path, undisturbed: Undisturbed, tmp_path: Path, turn: int):
+def test_a_fault_at_every_write(
+    masks: Path, undisturbed: Undisturbed, tmp_path: Path, turn: int
+) -> None:
     """The faults take turns from write to write; over all turns every fault is at every write."""
     for number in range(1, undisturbed.writes + 1):
         fault = FAULTS[(number + turn) % len(FAULTS)]

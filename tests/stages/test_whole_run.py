@@ -26,7 +26,7 @@ def listening() -> tuple[Terminal, io.StringIO]:
     return Terminal(Console(file=out, soft_wrap=True, markup=False, highlight=False)), out
 
 
-def test_every_stage_leaves_its_record_and_the_page_is_written(tiny_run: Path):
+def test_every_stage_leaves_its_record_and_the_page_is_written(tiny_run: Path) -> None:
     run = ssm_pipeline.load_run(tiny_run)
     assert {record.stage for record in run.stages} == {stage.name for stage in STAGES}
     assert all(record.cases_out == list(run.cases) for record in run.stages)
@@ -34,7 +34,7 @@ def test_every_stage_leaves_its_record_and_the_page_is_written(tiny_run: Path):
     assert (tiny_run / "report" / "index.html").stat().st_size > 10_000
 
 
-def test_the_model_is_of_the_masks_in_patient_millimetres(tiny_run: Path):
+def test_the_model_is_of_the_masks_in_patient_millimetres(tiny_run: Path) -> None:
     run = ssm_pipeline.load_run(tiny_run)
     assert run.model.mode_count == 3  # four cases
     for case_id, shape in zip(run.shapes.case_ids, run.shapes.vertices, strict=True):
@@ -45,7 +45,7 @@ def test_the_model_is_of_the_masks_in_patient_millimetres(tiny_run: Path):
         assert on_surface.distances.max() < 1e-6  # correspondences lie on the case's own surface
 
 
-def test_shapes_frames_and_aligned_shapes_agree(tiny_run: Path):
+def test_shapes_frames_and_aligned_shapes_agree(tiny_run: Path) -> None:
     run = ssm_pipeline.load_run(tiny_run)
     for index, case_id in enumerate(run.cases):
         moved = run.frames[case_id].apply(run.shapes.vertices[index])
@@ -53,7 +53,7 @@ def test_shapes_frames_and_aligned_shapes_agree(tiny_run: Path):
     np.testing.assert_allclose(run.aligned.vertices.mean(axis=0), run.model.mean, atol=1e-9)
 
 
-def test_metrics_hold_every_method(tiny_run: Path):
+def test_metrics_hold_every_method(tiny_run: Path) -> None:
     tables = ssm_pipeline.load_run(tiny_run).metrics.tables
     methods = {"full", "adaptation only", "S3M"}
     for name in ("compactness", "generalisation", "generalisation_mean", "specificity"):
@@ -62,7 +62,7 @@ def test_metrics_hold_every_method(tiny_run: Path):
     assert set(tables["generalisation"]["points"]) == {200}  # as set; S3M, with fewer, as well
 
 
-def test_interpolations_are_measured(tiny_run: Path):
+def test_interpolations_are_measured(tiny_run: Path) -> None:
     """A row per stored time of each path, beside it the straight line between the same ends."""
     run = ssm_pipeline.load_run(tiny_run)
     table = run.metrics.tables["interpolation"]
@@ -79,7 +79,7 @@ def test_interpolations_are_measured(tiny_run: Path):
 ABLATIONS = ("without groupwise", "spectral only", "adaptation only", "adaptation only, groupwise")
 
 
-def test_ablations_are_methods_of_their_own(tiny_run: Path, tmp_path: Path):
+def test_ablations_are_methods_of_their_own(tiny_run: Path, tmp_path: Path) -> None:
     """The row `spectral` has a network of its own; a second evaluation trains it no more."""
     masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)
@@ -107,7 +107,7 @@ def test_ablations_are_methods_of_their_own(tiny_run: Path, tmp_path: Path):
     assert saw.index[~saw].tolist() == ["adaptation only"]
 
 
-def test_path_of_a_case_without_one_says_so(tiny_run: Path):
+def test_path_of_a_case_without_one_says_so(tiny_run: Path) -> None:
     run = ssm_pipeline.load_run(tiny_run)
     (with_path,) = run.path_cases
     assert run.path(with_path).at(0.0).shape == run.model.mean.shape
@@ -116,12 +116,12 @@ def test_path_of_a_case_without_one_says_so(tiny_run: Path):
         run.path(other)
 
 
-def test_a_folder_that_is_no_run_is_refused(tmp_path: Path):
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="holds no run"):
         ssm_pipeline.load_run(tmp_path)
 
 
-def test_a_second_run_does_nothing(tiny_run: Path):
+def test_a_second_run_does_nothing(tiny_run: Path) -> None:
     stamps = {path: path.stat().st_mtime_ns for path in tiny_run.rglob("*.npz")}
     terminal, said = listening()
     run_tiny(tiny_run.parent.parent / "masks", tiny_run.parent, terminal=terminal)
@@ -135,7 +135,7 @@ class PowerCut(BaseException):
 
 def test_training_goes_on_from_its_checkpoint_to_the_same_bits(
     tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     """A run cut off after 5 of 6 steps goes on after step 4 and ends with the same networks."""
     masks = tiny_run.parent.parent / "masks"
     copy = tmp_path / "runs" / tiny_run.name
@@ -178,7 +178,7 @@ def test_training_goes_on_from_its_checkpoint_to_the_same_bits(
     ).read_text()
 
 
-def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: Path):
+def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: Path) -> None:
     import SimpleITK as sitk
 
     masks = write_balls(tmp_path / "masks", count=4)
@@ -192,7 +192,7 @@ def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: P
     assert "ball_nobody" in (run.folder / "report" / "index.html").read_text(encoding="utf-8")
 
 
-def test_more_interpolations_match_nothing_anew(tiny_run: Path, tmp_path: Path):
+def test_more_interpolations_match_nothing_anew(tiny_run: Path, tmp_path: Path) -> None:
     """A choice of display: the correspondences stay, and fewer paths leave none behind."""
     masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)

@@ -29,7 +29,7 @@ assert "torch" not in sys.modules
 """
 
 
-def test_a_study_without_a_network_needs_no_pytorch(tmp_path: Path):
+def test_a_study_without_a_network_needs_no_pytorch(tmp_path: Path) -> None:
     masks = write_balls(tmp_path / "masks")
     ran = subprocess.run(
         [sys.executable, "-c", CODE, str(masks), str(tmp_path / "runs")],

@@ -29,7 +29,7 @@ GROUP = np.repeat([0.0, 1.0], 20)
 DESIGN = np.column_stack([np.ones(40), GROUP])
 
 
-def test_the_statistic_and_p_are_those_of_manova():
+def test_the_statistic_and_p_are_those_of_manova() -> None:
     generator = np.random.default_rng(0)
     age = generator.standard_normal(40) + GROUP
     scores = generator.standard_normal((40, 3)) + 0.6 * GROUP[:, None] + age[:, None]
@@ -43,7 +43,7 @@ def test_the_statistic_and_p_are_those_of_manova():
     assert abs(test.p - p) < 4 * np.sqrt(p / 2000) + 0.005
 
 
-def test_one_mode_is_the_t_test():
+def test_one_mode_is_the_t_test() -> None:
     scores = np.random.default_rng(2).standard_normal((40, 1)) + 0.5 * GROUP[:, None]
     p = ttest_ind(scores[:20, 0], scores[20:, 0]).pvalue
     found = mode_tests(scores, DESIGN, [1], 1999, np.random.default_rng(0))[0]
@@ -51,7 +51,7 @@ def test_one_mode_is_the_t_test():
 
 
 @pytest.mark.parametrize("confounded", [False, True])
-def test_p_values_are_even_where_nothing_is(confounded):
+def test_p_values_are_even_where_nothing_is(confounded) -> None:
     generator = np.random.default_rng(5)
     values = []
     for _ in range(120):
@@ -66,7 +66,7 @@ def test_p_values_are_even_where_nothing_is(confounded):
     assert alone <= 0.02 or not confounded
 
 
-def test_procrustes_anova_does_not_care_how_the_axes_lie():
+def test_procrustes_anova_does_not_care_how_the_axes_lie() -> None:
     generator = np.random.default_rng(8)
     scores = generator.standard_normal((40, 5)) * [9.0, 3.0, 1.0, 1.0, 1.0]
     scores[:, 0] += 9.0 * GROUP
@@ -81,7 +81,7 @@ def test_procrustes_anova_does_not_care_how_the_axes_lie():
     assert one.statistic == pytest.approx(shares / (1 - shares))
 
 
-def test_a_map_finds_the_vertices_that_move_and_no_others():
+def test_a_map_finds_the_vertices_that_move_and_no_others() -> None:
     generator = np.random.default_rng(3)
     vertices = generator.standard_normal((40, 30, 3))
     vertices[:, :10] += 2.0 * GROUP[:, None, None]
@@ -93,7 +93,7 @@ def test_a_map_finds_the_vertices_that_move_and_no_others():
     )
 
 
-def test_shares_and_intervals():
+def test_shares_and_intervals() -> None:
     generator = np.random.default_rng(4)
     noise = generator.standard_normal((40, 2))
     values = noise + GROUP[:, None] * [3.0, 0.0]
@@ -106,7 +106,7 @@ def test_shares_and_intervals():
     assert explained_share(noise, DESIGN, [1]) < 0.15
 
 
-def test_power_is_that_of_the_t_test_for_one_mode():
+def test_power_is_that_of_the_t_test_for_one_mode() -> None:
     theirs = TTestIndPower().power(0.8, nobs1=20, alpha=0.05)
     assert power(0.8, DESIGN, 1, 1) == pytest.approx(theirs, abs=1e-6)
     stricter = TTestIndPower().power(1.0, nobs1=20, alpha=0.01)
@@ -131,7 +131,7 @@ def a_cohort():
     return CorrespondedShapes(points, faces, ids, "p00")
 
 
-def test_a_whole_comparison():
+def test_a_whole_comparison() -> None:
     shapes = a_cohort()
     model = pca_model(shapes)
     table = pd.DataFrame(
@@ -173,7 +173,7 @@ def test_a_whole_comparison():
     pd.testing.assert_frame_equal(result.modes, again.modes)
 
 
-def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do():
+def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do() -> None:
     model = pca_model(a_cohort())
     with pytest.raises(StudyError, match="1 to 4 modes"):
         modes_carried(model, DESIGN, 20)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,26 +24,26 @@ def table(**columns):
     return pd.DataFrame(content | columns)
 
 
-def refused(match, formula="~ sex + age", cases=IDS, **columns):
+def refused(match, formula="~ sex + age", cases=IDS, **columns) -> None:
     with pytest.raises(StudyError, match=match):
         design_of(formula, matched_to_cases(table(**columns), cases))
 
 
-def test_rows_come_in_the_order_of_the_cases():
+def test_rows_come_in_the_order_of_the_cases() -> None:
     shuffled = table().sample(frac=1, random_state=3)
     rows = matched_to_cases(shuffled, IDS)
     assert tuple(rows["case_id"]) == IDS
     np.testing.assert_array_equal(rows["age"], table()["age"])
 
 
-def test_ids_that_look_like_numbers_stay_as_they_are():
+def test_ids_that_look_like_numbers_stay_as_they_are() -> None:
     rows = matched_to_cases(
         pd.DataFrame({"case_id": ["007", "010"], "age": [1, 2]}), ("010", "007")
     )
     assert list(rows["age"]) == [2, 1]
 
 
-def test_ids_that_pandas_takes_for_missing_are_ids(tmp_path):
+def test_ids_that_pandas_takes_for_missing_are_ids(tmp_path: Path) -> None:
     ids = ("NA", "nan", "None", "007", "null")
     rows = "".join(f"{case_id}\t{age}\n" for age, case_id in enumerate(ids))
     (tmp_path / "a.tsv").write_text("participant_id\tage\n" + rows + "n/a\tn/a\n")
@@ -52,7 +54,7 @@ def test_ids_that_pandas_takes_for_missing_are_ids(tmp_path):
     assert list(matched["age"]) == [4, 3, 2, 1, 0]
 
 
-def test_a_formula_makes_its_columns():
+def test_a_formula_makes_its_columns() -> None:
     design = design_of("~ sex + age", matched_to_cases(table(), IDS))
     assert design.terms == ("sex", "age")
     assert design.columns[0].name == "sex: M against F"
@@ -63,7 +65,7 @@ def test_a_formula_makes_its_columns():
     assert crossed.terms == ("sex", "age", "sex:age")
 
 
-def test_tables_that_do_not_fit_the_cases_are_refused():
+def test_tables_that_do_not_fit_the_cases_are_refused() -> None:
     refused(r"1 in the model but not in the table: p20", cases=(*IDS, "p20"))
     refused(r"1 in the table but not in the model: p19", cases=IDS[:19])
     refused(r"1 in the table more than once: p00", participant_id=("p00", *IDS[:1], *IDS[2:]))
@@ -71,7 +73,7 @@ def test_tables_that_do_not_fit_the_cases_are_refused():
         matched_to_cases(pd.DataFrame({"id": IDS}), IDS)
 
 
-def test_covariates_that_say_nothing_are_refused():
+def test_covariates_that_say_nothing_are_refused() -> None:
     refused("the covariate site is constant: a for all 20 cases", "~ site")
     refused("the covariate age is empty for 1 cases: p19", age=[*range(19), None])
     refused("the group sex = X has 1 of 20 cases", sex=[*["F", "M"] * 9, "F", "X"])
@@ -79,22 +81,22 @@ def test_covariates_that_say_nothing_are_refused():
 
 
 @pytest.mark.parametrize("formula", ["~ sex +* age", "~ (sex", "sex ~ age ~ site"])
-def test_formulas_that_cannot_be_read_are_refused(formula):
+def test_formulas_that_cannot_be_read_are_refused(formula) -> None:
     refused(r"formula .* can't be", formula)
 
 
-def test_a_formula_with_an_unknown_name_says_which_are_known():
+def test_a_formula_with_an_unknown_name_says_which_are_known() -> None:
     refused("names hight, and the table has sex, age, site", "~ hight")
     refused("names no covariate", "~ 1")
 
 
-def test_more_columns_than_the_cases_carry_are_refused_with_the_number_they_do():
+def test_more_columns_than_the_cases_carry_are_refused_with_the_number_they_do() -> None:
     generator = np.random.default_rng(1)
     many = {f"x{index}": generator.standard_normal(20) for index in range(4)}
     refused("so 3 columns at most", "~ x0 + x1 + x2 + x3", **many)
 
 
-def test_numbers_as_groups_are_named_by_the_group_they_are_held_against():
+def test_numbers_as_groups_are_named_by_the_group_they_are_held_against() -> None:
     stages = matched_to_cases(table(stage=[2, 3, 10, 2] * 5), IDS)
     design = design_of("~ C(stage)", stages)
     names = [column.name for column in design.columns]

@@ -29,14 +29,14 @@ def voxels(path: Path, data: MaskFolderData, how: HowToRead) -> int:
     return int(mask.voxels.sum())
 
 
-def test_a_label_counts_where_the_study_has_a_threshold(two_labels: Path):
+def test_a_label_counts_where_the_study_has_a_threshold(two_labels: Path) -> None:
     data = MaskFolderData(folder=two_labels.parent, threshold=0.5)
     assert voxels(two_labels, data, HowToRead(labels=(3,))) == 200
     with pytest.raises(CaseError, match="label 77"):
         read_patient(two_labels, data, HowToRead(labels=(77,)))
 
 
-def test_a_study_on_segments_asks_which_label_of_a_plain_image(two_labels: Path):
+def test_a_study_on_segments_asks_which_label_of_a_plain_image(two_labels: Path) -> None:
     data = MaskFolderData(folder=two_labels.parent, segments=("liver",))
     with pytest.raises(StudyError, match=r"segments liver, and new\.nii\.gz names none.*--label"):
         read_patient(two_labels, data)

@@ -20,14 +20,14 @@ WORKFLOWS = sorted((Path(__file__).parents[2] / "workflows").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
-def test_every_workflow_parses(path: Path, tmp_path: Path):
+def test_every_workflow_parses(path: Path, tmp_path: Path) -> None:
     study = read_study(str(path), data=None if path.stem == "phantoms" else tmp_path)
     assert study.name == path.stem
     assert study.settings.description
     assert not study.is_stand_in
 
 
-def test_luna16_without_masks_runs_on_phantoms_with_its_own_overrides():
+def test_luna16_without_masks_runs_on_phantoms_with_its_own_overrides() -> None:
     study = read_study("luna16")
     assert study.is_stand_in
     assert isinstance(study.settings.data, PhantomData)
@@ -37,13 +37,13 @@ def test_luna16_without_masks_runs_on_phantoms_with_its_own_overrides():
     assert study.settings.meshing.faces < given.settings.meshing.faces
 
 
-def test_what_the_user_sets_counts_over_the_stand_in():
+def test_what_the_user_sets_counts_over_the_stand_in() -> None:
     changes = ["training.steps=3", "data.cases=4", "meshing.faces=700"]
     settings = read_study("luna16", changes=changes).settings
     assert (settings.training.steps, settings.data.cases, settings.meshing.faces) == (3, 4, 700)
 
 
-def test_a_folder_that_is_set_is_a_folder_given():
+def test_a_folder_that_is_set_is_a_folder_given() -> None:
     study = read_study("luna16", changes=["data.folder=/masks"])
     assert not study.is_stand_in
     assert study.settings.data.folder == Path("/masks")
@@ -58,24 +58,24 @@ def test_a_folder_that_is_set_is_a_folder_given():
         ("a.b=x=y", {"a": {"b": "x=y"}}),
     ],
 )
-def test_a_change_is_read_as_yaml(change: str, content: dict):
+def test_a_change_is_read_as_yaml(change: str, content: dict) -> None:
     assert parse_change(change) == content
 
 
 @pytest.mark.parametrize("change", ["seed", "=3", "a..b=1", "a.b=[1"])
-def test_a_change_that_is_none_is_refused(change: str):
+def test_a_change_that_is_none_is_refused(change: str) -> None:
     with pytest.raises(StudyError, match="--set"):
         parse_change(change)
 
 
-def test_merge_is_deep_and_leaves_its_arguments_alone():
+def test_merge_is_deep_and_leaves_its_arguments_alone() -> None:
     base = {"a": {"x": 1, "y": 2}, "b": 3}
     assert merge(base, {"a": {"y": 5}}) == {"a": {"x": 1, "y": 5}, "b": 3}
     assert base == {"a": {"x": 1, "y": 2}, "b": 3}
     assert merge(base, {}) == base
 
 
-def test_another_source_starts_its_section_afresh():
+def test_another_source_starts_its_section_afresh() -> None:
     base = {"data": {"source": "luna16", "side": "left"}}
     assert merge(base, {"data": {"source": "phantoms"}}) == {"data": {"source": "phantoms"}}
     same = merge(base, {"data": {"source": "luna16", "limit": 3}})
@@ -94,27 +94,27 @@ def test_another_source_starts_its_section_afresh():
         ("meshing.zzz=0", r"no setting meshing\.zzz\. Known here: .*faces"),
     ],
 )
-def test_a_wrong_setting_is_named_with_where_and_what_is_near(change: str, message: str):
+def test_a_wrong_setting_is_named_with_where_and_what_is_near(change: str, message: str) -> None:
     with pytest.raises(StudyError, match=message):
         read_study("luna16", data=Path("masks"), changes=[change])
 
 
 @pytest.mark.parametrize("text", ["", "just words", "a: [1", "seed: 3"])
-def test_a_file_that_is_no_study_is_refused(tmp_path: Path, text: str):
+def test_a_file_that_is_no_study_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.yaml"
     path.write_text(text)
     with pytest.raises(StudyError, match=r"broken\.yaml"):
         read_study(str(path))
 
 
-def test_an_unknown_study_is_refused_with_the_nearest_name():
+def test_an_unknown_study_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(StudyError, match=r"no study hipocampus\. Did you mean hippocampus\?"):
         read_study("hipocampus")
     with pytest.raises(StudyError, match="no file"):
         read_study("nowhere/study.yaml")
 
 
-def test_known_keys_reach_every_section():
+def test_known_keys_reach_every_section() -> None:
     known = known_keys(StudySettings)
     assert "steps" in known["training"]
     assert "temperature" in known["training.matching"]
@@ -122,7 +122,7 @@ def test_known_keys_reach_every_section():
     assert "labels" in known["data:masks"]
 
 
-def test_all_sections_are_frozen_and_refuse_unknown_keys():
+def test_all_sections_are_frozen_and_refuse_unknown_keys() -> None:
     def models(model: type[BaseModel]) -> set[type[BaseModel]]:
         inner = {
             kind
@@ -139,14 +139,14 @@ def test_all_sections_are_frozen_and_refuse_unknown_keys():
         assert model.model_config.get("frozen"), model
 
 
-def test_settings_survive_a_round_trip_through_yaml(tmp_path: Path):
+def test_settings_survive_a_round_trip_through_yaml(tmp_path: Path) -> None:
     settings = read_study("luna16").settings
     path = tmp_path / "again.yaml"
     path.write_text(settings.to_yaml())
     assert read_study(str(path)).settings == settings
 
 
-def test_phantoms_are_drawn_by_the_studys_seed_unless_they_have_their_own():
+def test_phantoms_are_drawn_by_the_studys_seed_unless_they_have_their_own() -> None:
     assert read_study("luna16").settings.data.seed == 0
     assert read_study("luna16", changes=["seed=7"]).settings.data.seed == 7
     own = read_study("luna16", changes=["seed=7", "data.seed=3"]).settings
@@ -155,7 +155,7 @@ def test_phantoms_are_drawn_by_the_studys_seed_unless_they_have_their_own():
     assert (again.seed, again.data.seed) == (7, 3)
 
 
-def test_every_stage_that_draws_rests_on_the_seed():
+def test_every_stage_that_draws_rests_on_the_seed() -> None:
     """A stage whose settings do not change with the seed would be taken from the cache."""
     one, other = (read_study("luna16", changes=[f"seed={seed}"]).settings for seed in (0, 1))
     rests = {

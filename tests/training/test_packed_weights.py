@@ -4,7 +4,7 @@ import torch
 from ssm_pipeline.training.packed_weights import pack, unpack
 
 
-def test_a_weight_is_off_by_a_254th_of_its_rows_largest_at_most():
+def test_a_weight_is_off_by_a_254th_of_its_rows_largest_at_most() -> None:
     weights = torch.randn(40, 30, generator=torch.Generator().manual_seed(0))
     weights[3] *= 1e-4
     found = unpack(pack({"weight": weights}))["weight"]
@@ -13,13 +13,13 @@ def test_a_weight_is_off_by_a_254th_of_its_rows_largest_at_most():
     assert ((found - weights).abs() <= largest * (1 / 254 + 2**-10)).all()
 
 
-def test_rows_of_nothing_stay_nothing():
+def test_rows_of_nothing_stay_nothing() -> None:
     weights = torch.zeros(2, 3)
     weights[1] = 1.0
     assert unpack(pack({"weight": weights}))["weight"] == pytest.approx(weights, rel=1e-3)
 
 
-def test_vectors_are_halved_and_what_was_never_packed_passes():
+def test_vectors_are_halved_and_what_was_never_packed_passes() -> None:
     bias = torch.tensor([1.0, -2.5])
     packed = pack({"bias": bias})
     assert packed["bias"].dtype == torch.float16

@@ -27,21 +27,21 @@ def bases():
 
 
 @pytest.fixture(scope="module")
-def trained(bases, tmp_path_factory):
+def trained(bases, tmp_path_factory: pytest.TempPathFactory):
     matcher = train_networks(bases, SMALL, seed=4)
     path = tmp_path_factory.mktemp("start") / "matcher.pt"
     save_matcher(matcher, path)
     return matcher, path
 
 
-def test_no_steps_leave_the_weights_as_they_start(bases, trained):
+def test_no_steps_leave_the_weights_as_they_start(bases, trained) -> None:
     matcher, path = trained
     same = train_networks(bases, SMALL.model_copy(update={"start": str(path), "steps": 0}), seed=9)
     shape = matcher.shape(bases[0])
     assert torch.equal(matcher.features(shape), same.features(shape))
 
 
-def test_steps_from_given_weights_begin_where_those_ended(bases, trained):
+def test_steps_from_given_weights_begin_where_those_ended(bases, trained) -> None:
     _, path = trained
     fresh, started = [], []
     go_on = SMALL.model_copy(update={"start": str(path)})
@@ -54,7 +54,9 @@ def test_steps_from_given_weights_begin_where_those_ended(bases, trained):
     assert not torch.equal(*(next(matcher.networks.parameters()) for matcher in weights))
 
 
-def test_training_that_goes_on_does_not_read_its_start_again(bases, trained, tmp_path):
+def test_training_that_goes_on_does_not_read_its_start_again(
+    bases, trained, tmp_path: Path
+) -> None:
     """The weights stand in the checkpoint; the file that training began from may be gone."""
     _, path = trained
     begun = tmp_path / "matcher.pt"
@@ -68,7 +70,7 @@ def test_training_that_goes_on_does_not_read_its_start_again(bases, trained, tmp
     assert torch.equal(whole.features(shape), resumed.features(shape))
 
 
-def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path):
+def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path: Path) -> None:
     matcher, path = trained
     save_matcher(matcher, tmp_path / "packed.pt", packed=True)
     assert (tmp_path / "packed.pt").stat().st_size < 0.7 * path.stat().st_size
@@ -78,13 +80,13 @@ def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path
 
 
 @pytest.mark.parametrize("features", ["wks", "xyz+wks"])
-def test_the_built_in_weights_fit_the_default_networks(features):
+def test_the_built_in_weights_fit_the_default_networks(features) -> None:
     settings = TrainingSettings(start="built-in", matching=MatchingSettings(features=features))
     refuse_other_networks(settings)
     assert load_matcher(settings.start_file).eigenpairs == BUILT_IN_EIGENPAIRS
 
 
-def test_the_built_in_weights_match_shapes_never_seen():
+def test_the_built_in_weights_match_shapes_never_seen() -> None:
     """Without a step on them: the map is sharp, and carries a shape to itself."""
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.spectral.settings import SpectralSettings
@@ -104,19 +106,19 @@ def test_the_built_in_weights_match_shapes_never_seen():
         ({"start": "built-in"}, "have matching.descriptors=128, not 16"),
     ],
 )
-def test_what_cannot_be_started_from_is_said(change, said):
+def test_what_cannot_be_started_from_is_said(change, said) -> None:
     with pytest.raises(StudyError, match=said):
         refuse_other_networks(SMALL.model_copy(update=change))
 
 
-def test_a_file_that_is_no_matcher_is_refused(tmp_path):
+def test_a_file_that_is_no_matcher_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "matcher.pt"
     path.write_bytes(b"no matcher")
     with pytest.raises(StudyError, match=r"damaged.*Give a matcher\.pt of a run"):
         refuse_other_networks(SMALL.model_copy(update={"start": str(path)}))
 
 
-def test_weights_of_other_eigenpairs_are_refused(bases, trained):
+def test_weights_of_other_eigenpairs_are_refused(bases, trained) -> None:
     _, path = trained
     more = [basis_of(blob(index), eigenpairs=30) for index in (1, 2)]
     with pytest.raises(StudyError, match="these shapes have 30, which changes every network input"):
@@ -125,12 +127,12 @@ def test_weights_of_other_eigenpairs_are_refused(bases, trained):
         load_matcher(path).shape(more[0])
 
 
-def test_no_steps_from_nothing_are_refused():
+def test_no_steps_from_nothing_are_refused() -> None:
     with pytest.raises(ValueError, match=r"steps is 0 and training\.start none"):
         TrainingSettings(steps=0)
 
 
-def test_a_study_hears_it_before_the_hours():
+def test_a_study_hears_it_before_the_hours() -> None:
     from ssm_pipeline.records import Cohort
     from ssm_pipeline.study.study import read_study
 
@@ -142,7 +144,7 @@ def test_a_study_hears_it_before_the_hours():
 
 
 @pytest.mark.skipif(not SPLEENS.is_dir(), reason="../shared/data/msd_spleen_surfaces is not here")
-def test_the_built_in_weights_match_organs_of_another_anatomy():
+def test_the_built_in_weights_match_organs_of_another_anatomy() -> None:
     """The first ones gave 0.54 here: they knew the anatomies they were trained on, and no other."""
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.spectral.basis import spectral_basis

@@ -36,7 +36,9 @@ def weights(path: Path) -> torch.Tensor:
     return torch.cat([p.flatten() for p in load_matcher(path).networks.parameters()])
 
 
-def test_two_processes_train_as_one_and_go_on_where_the_other_number_stopped(tmp_path: Path):
+def test_two_processes_train_as_one_and_go_on_where_the_other_number_stopped(
+    tmp_path: Path,
+) -> None:
     from team_study import SETTINGS
 
     losses: list[dict[str, float]] = []
@@ -63,7 +65,7 @@ def test_two_processes_train_as_one_and_go_on_where_the_other_number_stopped(tmp
     )
 
 
-def test_three_pairs_on_two_processes_are_no_other_step(tmp_path: Path):
+def test_three_pairs_on_two_processes_are_no_other_step(tmp_path: Path) -> None:
     from team_study import SETTINGS
 
     settings = SETTINGS.model_copy(update={"pairs_per_step": 3})
@@ -76,21 +78,21 @@ def test_three_pairs_on_two_processes_are_no_other_step(tmp_path: Path):
     assert together == pytest.approx(losses, rel=1e-3)
 
 
-def test_a_process_that_dies_ends_the_others_with_what_to_do(tmp_path: Path):
+def test_a_process_that_dies_ends_the_others_with_what_to_do(tmp_path: Path) -> None:
     done = trained(tmp_path, 2, "dies")
     assert done.returncode != 0
     assert "a process that trains with this one has ended" in done.stderr
     assert load_checkpoint(tmp_path / "checkpoint-3.pt").step == 3
 
 
-def test_more_processes_than_pairs_are_refused():
+def test_more_processes_than_pairs_are_refused() -> None:
     with pytest.raises(StudyError, match=r"2 processes .* Set training\.pairs_per_step=2"):
         Team(0, 2).refuse_idle(1)
     Team(0, 2).refuse_idle(2)
     assert [list(Team(rank, 2).share(5)) for rank in (0, 1)] == [[0, 2, 4], [1, 3]]
 
 
-def test_gradients_of_several_pairs_are_their_mean():
+def test_gradients_of_several_pairs_are_their_mean() -> None:
     """A step of three pairs of one shape with itself is a step of one."""
     from team_study import SETTINGS
 

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 import torch
 from shapes import basis_of, blob
@@ -48,7 +50,7 @@ def weights_of(matcher):
     return torch.cat([p.flatten() for p in matcher.networks.features.parameters()])
 
 
-def test_the_loss_goes_down(bases):
+def test_the_loss_goes_down(bases) -> None:
     losses = []
     longer = SETTINGS.model_copy(
         update={"steps": 60, "time_steps": (1,), "time_step_shares": (1.0,)}
@@ -57,12 +59,12 @@ def test_the_loss_goes_down(bases):
     assert sum(losses[-6:]) < 0.7 * sum(losses[:6])
 
 
-def test_same_seed_same_bits_and_other_seed_others(bases, matcher):
+def test_same_seed_same_bits_and_other_seed_others(bases, matcher) -> None:
     assert torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=5)))
     assert not torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=6)))
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path):
+def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path: Path) -> None:
     checkpoints = []
     train_networks(
         bases,
@@ -78,7 +80,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path):
     assert torch.equal(weights_of(matcher), weights_of(resumed))
 
 
-def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path):
+def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path: Path) -> None:
     save_matcher(matcher, tmp_path / "matcher.pt")
     loaded = load_matcher(tmp_path / "matcher.pt")
     assert loaded.settings == SETTINGS
@@ -87,7 +89,7 @@ def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path):
     assert torch.equal(matcher.features(shape), loaded.features(shape))
 
 
-def test_an_epoch_shows_every_pair_once():
+def test_an_epoch_shows_every_pair_once() -> None:
     pairs = Pairs(5 * ["organ"], seed=1)
     seen = {pairs.at(step) for step in range(10)}
     assert len(seen) == len(pairs) == 10
@@ -95,14 +97,14 @@ def test_an_epoch_shows_every_pair_once():
     assert first != second
 
 
-def test_pairs_are_of_one_family(bases):
+def test_pairs_are_of_one_family(bases) -> None:
     pairs = Pairs(["a", "b", "a", "b"], seed=0)
     assert sorted(pairs.at(index) for index in range(2)) == [(0, 2), (1, 3)]
     with pytest.raises(StudyError, match="at least 2 shapes"):
         train_networks(bases, SETTINGS, seed=0, families=["a", "b", "c"])
 
 
-def test_of_very_many_pairs_each_is_drawn_evenly_by_its_place():
+def test_of_very_many_pairs_each_is_drawn_evenly_by_its_place() -> None:
     families = ["a"] * 4 + ["b"] * 3
     pairs = Pairs(families, seed=2, most_listed=8)
     drawn = [pairs.at(index) for index in range(900)]
@@ -116,7 +118,7 @@ def test_of_very_many_pairs_each_is_drawn_evenly_by_its_place():
     assert len({many.at(index) for index in range(100)}) == 100
 
 
-def test_schedules():
+def test_schedules() -> None:
     assert [SETTINGS.intervals_at(s) for s in (0, 3, 4, 7)] == [1, 1, 2, 2]
     assert learning_rate_at(0, SETTINGS) == pytest.approx(1e-3)
     assert learning_rate_at(8, SETTINGS) == pytest.approx(1e-4)
@@ -124,7 +126,7 @@ def test_schedules():
         TrainingSettings(time_steps=(1,), time_step_shares=(0.5,))
 
 
-def test_the_loss_of_a_pair_is_symmetric(bases, matcher):
+def test_the_loss_of_a_pair_is_symmetric(bases, matcher) -> None:
     networks = Networks.new(SETTINGS, 0)
     x, y = matcher.shape(bases[0]), matcher.shape(bases[1])
     forward, _, _ = pair_loss(x, y, networks, 2, SETTINGS)
@@ -132,7 +134,7 @@ def test_the_loss_of_a_pair_is_symmetric(bases, matcher):
     torch.testing.assert_close(forward, backward, rtol=1e-3, atol=1e-3)
 
 
-def test_without_the_spatial_loss_only_the_features_learn(bases):
+def test_without_the_spatial_loss_only_the_features_learn(bases) -> None:
     settings = SETTINGS.spectral_only()
     rows: list[dict[str, float]] = []
     trained = train_networks(
@@ -148,18 +150,18 @@ def test_without_the_spatial_loss_only_the_features_learn(bases):
     assert not any(torch.equal(before, after) for before, after in features[:-1])  # not the bias
 
 
-def test_one_shape_is_too_few(bases):
+def test_one_shape_is_too_few(bases) -> None:
     with pytest.raises(StudyError, match="at least 2 shapes; 1 found"):
         train_networks(bases[:1], SETTINGS, seed=0)
 
 
-def test_template_has_the_smallest_mean_loss(bases, matcher):
+def test_template_has_the_smallest_mean_loss(bases, matcher) -> None:
     name, table = choose_template(matcher, bases)
     assert name == table.loc[table.mean_loss.idxmin(), "case_id"]
     assert len(table) == 3
 
 
-def test_path_runs_from_template_to_case_in_millimetres(bases, matcher):
+def test_path_runs_from_template_to_case_in_millimetres(bases, matcher) -> None:
     template, case = bases[:2]
     settings = AdaptationSettings(samples=2000, path_times=3)
     path = shape_path(template, case, matcher, settings)
@@ -174,7 +176,7 @@ def test_path_runs_from_template_to_case_in_millimetres(bases, matcher):
         path.at(1.2)
 
 
-def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path):
+def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(
         update={
             "turn_deg": 30.0,
@@ -196,7 +198,7 @@ def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path):
     assert not torch.equal(weights_of(whole), weights_of(train_networks(bases, settings, seed=6)))
 
 
-def test_turned_coordinates_are_a_rotation_and_leave_the_rest():
+def test_turned_coordinates_are_a_rotation_and_leave_the_rest() -> None:
     settings = SETTINGS.model_copy(
         update={
             "turn_deg": 40.0,
@@ -212,7 +214,7 @@ def test_turned_coordinates_are_a_rotation_and_leave_the_rest():
     assert (before - after).abs().max() > 1e-3
 
 
-def test_both_shapes_can_be_turned_together():
+def test_both_shapes_can_be_turned_together() -> None:
     matching = SETTINGS.matching.model_copy(update={"features": "xyz+wks"})
     settings = SETTINGS.model_copy(update={"turn_together": True, "matching": matching})
     x = to_shape(basis_of(blob(1)), matching)
@@ -221,7 +223,7 @@ def test_both_shapes_can_be_turned_together():
     assert (one.inputs - x.inputs).abs().max() > 1e-3
 
 
-def test_the_map_is_watched_now_and_then(bases):
+def test_the_map_is_watched_now_and_then(bases) -> None:
     rows: list[dict[str, float]] = []
     settings = SETTINGS.model_copy(update={"watch_every": 4})
     train_networks(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
@@ -231,7 +233,7 @@ def test_the_map_is_watched_now_and_then(bases):
 
 
 @pytest.mark.parametrize("alone", [True, False])
-def test_gradients_are_clipped_network_by_network_or_together(alone):
+def test_gradients_are_clipped_network_by_network_or_together(alone) -> None:
     networks = Networks.new(SETTINGS, 0)
     for factor, network in zip((10.0, 0.001), networks.both(), strict=True):
         for parameter in network.parameters():
@@ -252,7 +254,7 @@ def test_gradients_are_clipped_network_by_network_or_together(alone):
         assert norms[1] < 1e-3
 
 
-def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last():
+def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last() -> None:
     settings = SETTINGS.model_copy(
         update={
             "steps": 100,
@@ -273,7 +275,7 @@ def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last():
     assert next_place(flat, settings.model_copy(update={"patience": 0})) == 20
 
 
-def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_path):
+def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(update={"steps": 60, "patience": 2, "checkpoint_every": 3})
     rows: list[dict[str, float]] = []
     whole = train_networks(

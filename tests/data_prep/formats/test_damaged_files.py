@@ -47,7 +47,7 @@ def typed(read: Callable[[Path], object], path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", CORPUS, ids=lambda path: path.name)
-def test_what_once_broke_a_reader_does_so_no_more(path: Path):
+def test_what_once_broke_a_reader_does_so_no_more(path: Path) -> None:
     """In a process of its own, since some of them ended it, or kept it."""
     context = multiprocessing.get_context("fork")
     child = context.Process(target=typed, args=(READ_BY[path.suffix], path))
@@ -59,7 +59,7 @@ def test_what_once_broke_a_reader_does_so_no_more(path: Path):
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
-def test_damaged_files_are_read_or_refused(reader: Reader, tmp_path: Path):
+def test_damaged_files_are_read_or_refused(reader: Reader, tmp_path: Path) -> None:
     path = reader.write(tmp_path)
     good = path.read_bytes()
     reader.read(path)
@@ -68,7 +68,7 @@ def test_damaged_files_are_read_or_refused(reader: Reader, tmp_path: Path):
         typed(reader.read, path)
 
 
-def test_no_pickle_is_run(tmp_path: Path):
+def test_no_pickle_is_run(tmp_path: Path) -> None:
     ran = tmp_path / "ran"
     (tmp_path / "matcher.pt").write_bytes(f"cos\nsystem\n(S'touch {ran}'\ntR.".encode())
     with pytest.raises(StudyError):
@@ -76,7 +76,7 @@ def test_no_pickle_is_run(tmp_path: Path):
     assert not ran.exists()
 
 
-def test_the_check_sees_an_untyped_error(tmp_path: Path):
+def test_the_check_sees_an_untyped_error(tmp_path: Path) -> None:
     def broken(path: Path) -> None:
         raise ZeroDivisionError
 

@@ -23,7 +23,7 @@ def write(path: Path, size: int, kind: str = "uint8") -> Path:
     return path
 
 
-def test_what_a_mask_needs_grows_with_its_voxels_and_their_type(tmp_path: Path):
+def test_what_a_mask_needs_grows_with_its_voxels_and_their_type(tmp_path: Path) -> None:
     small, large = write(tmp_path / "a.nii.gz", 50), write(tmp_path / "b.nii.gz", 100)
     wide = write(tmp_path / "c.mhd", 50, "float64")
     assert needed_gb(large) == pytest.approx(8 * needed_gb(small))
@@ -31,7 +31,7 @@ def test_what_a_mask_needs_grows_with_its_voxels_and_their_type(tmp_path: Path):
     assert needed_gb(wide) == pytest.approx(50**3 * 24 / 2**30)
 
 
-def test_a_mask_of_terabytes_is_not_read(tmp_path: Path):
+def test_a_mask_of_terabytes_is_not_read(tmp_path: Path) -> None:
     path = write(tmp_path / "giant.mhd", 50)
     path.write_text(path.read_text().replace("DimSize = 50 50 50", "DimSize = 8000 8000 8000"))
     os.truncate(tmp_path / "giant.raw", 8000**3)  # a sparse file: it takes no room
@@ -40,7 +40,7 @@ def test_a_mask_of_terabytes_is_not_read(tmp_path: Path):
 
 
 @pytest.mark.skipif(not hasattr(psutil, "RLIMIT_DATA"), reason="the system knows no such limit")
-def test_what_a_process_may_have_is_what_counts(tmp_path: Path):
+def test_what_a_process_may_have_is_what_counts(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nii.gz", 300)  # 0.25 GB
     assert read_mask(path, (1,), "a").voxels.any()
     holds_gb = psutil.Process().memory_info().data / 2**30

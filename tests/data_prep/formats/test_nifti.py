@@ -100,7 +100,7 @@ def test_a_nifti_2_file_cut_short_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("off", [3e-5, -4e-4])
-def test_labels_that_are_nearly_whole_are_rounded_with_a_warning(tmp_path, off):
+def test_labels_that_are_nearly_whole_are_rounded_with_a_warning(tmp_path: Path, off) -> None:
     path = tmp_path / "a.nii.gz"
     nibabel.save(nibabel.Nifti1Image(LABELS * np.float32(1 + off), RAS), path)
     mask = read_mask(path, (1, 2), "a")

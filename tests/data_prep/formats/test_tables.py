@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 
 import numpy as np
 import openpyxl
@@ -55,14 +56,14 @@ def workbook(folder, rows, name="a.xlsx", **sheets):
     ],
 )
 @pytest.mark.parametrize("name", ["a.csv", "a.tsv", "a.txt"])
-def test_the_same_table_in_every_form_is_the_same(content, name, tmp_path):
+def test_the_same_table_in_every_form_is_the_same(content, name, tmp_path: Path) -> None:
     table = read_table(written(tmp_path, content, name))
     assert list(table.columns) == CELLS[0]
     assert table["case_id"].tolist() == ["007", "NA", "Müller"]
     assert typed(table, ["größe"])["größe"].tolist() == VALUES
 
 
-def test_a_workbook_is_read_whatever_its_name(tmp_path):
+def test_a_workbook_is_read_whatever_its_name(tmp_path: Path) -> None:
     rows = [["case_id", "age", "born"], ["007", 50.5, datetime.datetime(1970, 1, 2)], []]
     path = workbook(tmp_path, [*rows, [" NA ", 61, None]], "a.csv")
     table = read_table(path)
@@ -70,7 +71,7 @@ def test_a_workbook_is_read_whatever_its_name(tmp_path):
     assert table.index.tolist() == [2, 4]
 
 
-def test_zeros_that_a_workbook_shows_are_kept(tmp_path):
+def test_zeros_that_a_workbook_shows_are_kept(tmp_path: Path) -> None:
     path = workbook(tmp_path, [["case_id", "age"], [7, 7]])
     book = openpyxl.load_workbook(path)
     book.active["A2"].number_format = "000"
@@ -78,8 +79,8 @@ def test_zeros_that_a_workbook_shows_are_kept(tmp_path):
     assert read_table(path).to_numpy().tolist() == [["007", "7"]]
 
 
-def test_what_has_no_single_reading_is_refused_with_the_place(tmp_path):
-    def refused(match, content):
+def test_what_has_no_single_reading_is_refused_with_the_place(tmp_path: Path) -> None:
+    def refused(match, content) -> None:
         with pytest.raises(StudyError, match=match):
             read_table(written(tmp_path, content))
 
@@ -102,7 +103,7 @@ def test_what_has_no_single_reading_is_refused_with_the_place(tmp_path):
         read_table(tmp_path / "absent.csv")
 
 
-def test_a_quoted_separator_in_a_name_is_no_separator(tmp_path):
+def test_a_quoted_separator_in_a_name_is_no_separator(tmp_path: Path) -> None:
     path = written(tmp_path, 'id;"height, m";note\na;1,8;"x; y"\n')
     assert read_table(path).to_dict("list") == {
         "id": ["a"],
@@ -115,7 +116,7 @@ def column(*cells):
     return pd.Series(cells, index=range(2, 2 + len(cells)), name="age", dtype=object)
 
 
-def test_names_of_groups_stay_and_empty_numbers_are_nan():
+def test_names_of_groups_stay_and_empty_numbers_are_nan() -> None:
     groups = typed_column(column("None", "NA", "mild", "n/a", ""))
     assert groups[:3].tolist() == ["None", "NA", "mild"]
     assert groups.isna().tolist() == [False, False, False, True, True]
@@ -126,7 +127,7 @@ def test_names_of_groups_stay_and_empty_numbers_are_nan():
     assert typed_column(column("2b", "3c", "4")).tolist() == ["2b", "3c", "4"]
 
 
-def test_decimal_commas_are_numbers_unless_they_may_be_thousands():
+def test_decimal_commas_are_numbers_unless_they_may_be_thousands() -> None:
     assert typed_column(column("1,5", "2,5", "3")).tolist() == [1.5, 2.5, 3.0]
     assert typed_column(column("1,500", "0,250")).tolist() == [1.5, 0.25]
     with pytest.raises(StudyError, match="'1,500' in row 2 may be a decimal number or thousands"):
@@ -139,7 +140,7 @@ def test_decimal_commas_are_numbers_unless_they_may_be_thousands():
     ("odd", "what"),
     [(">89", "is no number"), ("50,5", "has another decimal sign"), ("5o", "is no number")],
 )
-def test_a_cell_that_is_no_number_among_numbers_is_refused(odd, what):
+def test_a_cell_that_is_no_number_among_numbers_is_refused(odd, what) -> None:
     with pytest.raises(
         StudyError, match=f"the column age holds numbers, but '{odd}' in row 4 {what}"
     ):

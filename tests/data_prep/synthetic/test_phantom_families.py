@@ -49,7 +49,7 @@ def cohort(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 @pytest.mark.parametrize(
     ("family", "litres", "vertices"), [("lung", (2.0, 3.2), 9000), ("tube", (2e-3, 4e-3), 3500)]
 )
-def test_the_mean_is_a_closed_organ_of_real_size(family, litres, vertices):
+def test_the_mean_is_a_closed_organ_of_real_size(family, litres, vertices) -> None:
     made = family_named(family)
     assert len(made.vertices) == pytest.approx(vertices, rel=0.2)
     assert is_oriented_manifold(made.faces)
@@ -58,7 +58,7 @@ def test_the_mean_is_a_closed_organ_of_real_size(family, litres, vertices):
     assert 0.3 < (made.border < 0).mean() < 0.7  # both labels hold a fair part
 
 
-def test_the_mean_lung_is_not_star_shaped():
+def test_the_mean_lung_is_not_star_shaped() -> None:
     """From no point of a coarse search within the lung is its whole surface seen."""
     made = family_named("lung")
     normals, centres = face_normals(made.vertices, made.faces), made.vertices[made.faces].mean(1)
@@ -69,13 +69,13 @@ def test_the_mean_lung_is_not_star_shaped():
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("seed", DEVELOPMENT)
-def test_at_most_a_third_is_affine(family, seed):
+def test_at_most_a_third_is_affine(family, seed: int) -> None:
     # Every tenth vertex: the same share to within a percent, in a tenth of the time.
     cases = draw_cases(thinned(family, 10), PhantomSettings(family=family, cases=10, seed=seed))
     assert affine_share(np.stack([case.vertices for case in cases])) < 1 / 3
 
 
-def test_the_smooth_lungs_were_nearly_affine():
+def test_the_smooth_lungs_were_nearly_affine() -> None:
     truth = draw_truth(PhantomSettings(family="smooth", cases=10))
     assert affine_share(truth.vertices) > 0.8
 
@@ -91,7 +91,7 @@ def faces_that_meet(vertices: np.ndarray, faces: np.ndarray) -> int:
     return min(counts)
 
 
-def test_the_check_sees_a_surface_that_meets_itself():
+def test_the_check_sees_a_surface_that_meets_itself() -> None:
     made = family_named("tube")
     bent = made.vertices.copy()
     bent[made.vertices[:, 1] > 10] -= [0, 12.0, 0]
@@ -99,7 +99,7 @@ def test_the_check_sees_a_surface_that_meets_itself():
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_no_case_is_folded_and_each_has_a_residual_of_its_own(family):
+def test_no_case_is_folded_and_each_has_a_residual_of_its_own(family) -> None:
     settings = PhantomSettings(family=family, cases=3, seed=2)
     made = family_named(family)
     truth = draw_truth(settings)
@@ -115,14 +115,14 @@ def test_no_case_is_folded_and_each_has_a_residual_of_its_own(family):
     assert min(left_over) > 0.5 * made.residual_mm
 
 
-def test_a_case_stays_the_same_in_a_larger_cohort():
+def test_a_case_stays_the_same_in_a_larger_cohort() -> None:
     few, many = (
         draw_truth(PhantomSettings(family="tube", cases=count, seed=4)) for count in (2, 5)
     )
     np.testing.assert_array_equal(few.vertices, many.vertices[:2])
 
 
-def test_faults_come_as_often_as_asked():
+def test_faults_come_as_often_as_asked() -> None:
     lung = thinned("lung", 20)
     settings = PhantomSettings(cases=30, bridge_share=0.5, cut_share=0.5, residual_mm=0, modes=1)
     cases = draw_cases(lung, settings)
@@ -135,7 +135,7 @@ def test_faults_come_as_often_as_asked():
     assert all(1.25 <= case.spacing_mm[2] <= 3 for case in cases)
 
 
-def test_scans_hold_the_true_solids_with_two_labels(cohort: Cohort):
+def test_scans_hold_the_true_solids_with_two_labels(cohort: Cohort) -> None:
     truth = cohort.truth
     assert truth is not None
     assert truth.labels is not None
@@ -150,14 +150,14 @@ def test_scans_hold_the_true_solids_with_two_labels(cohort: Cohort):
         assert distances.mean() < 0.35 * mask.spacing_mm.mean()
 
 
-def test_the_folder_says_how_affine_it_is(cohort: Cohort):
+def test_the_folder_says_how_affine_it_is(cohort: Cohort) -> None:
     truth = cohort.truth
     assert truth is not None
     stated = storage.read_json(cohort.cases[0].files[0].with_name("phantoms.json"))
     assert stated["affine_share"] == pytest.approx(affine_share(truth.vertices), abs=1e-3)
 
 
-def test_same_settings_same_bytes(tmp_path: Path):
+def test_same_settings_same_bytes(tmp_path: Path) -> None:
     def digests(folder: Path) -> list[str]:
         make_cohort(folder, PhantomSettings(family="tube", cases=2, seed=6))
         return [hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.mha"))]
@@ -167,7 +167,7 @@ def test_same_settings_same_bytes(tmp_path: Path):
     assert first[0] != first[1]
 
 
-def test_another_family_replaces_the_folder(tmp_path: Path):
+def test_another_family_replaces_the_folder(tmp_path: Path) -> None:
     make_cohort(tmp_path, PhantomSettings(family="tube", cases=3))
     coarse = PhantomSettings(family="smooth", cases=2, spacing_mm=(4, 4, 4))
     assert len(make_cohort(tmp_path, coarse).cases) == 2
@@ -175,7 +175,7 @@ def test_another_family_replaces_the_folder(tmp_path: Path):
     assert read_cohort(tmp_path).truth.labels is None
 
 
-def test_more_modes_than_there_are_is_refused():
+def test_more_modes_than_there_are_is_refused() -> None:
     with pytest.raises(StudyError, match=r"99 modes asked of the phantom family tube, which has"):
         draw_truth(PhantomSettings(family="tube", modes=99))
 
@@ -193,7 +193,7 @@ def seeds_in(content: object) -> set[object]:
     return found
 
 
-def test_reported_seeds_are_no_development_seeds():
+def test_reported_seeds_are_no_development_seeds() -> None:
     assert not set(DEVELOPMENT) & set(REPORTED)
     assert len(DEVELOPMENT) >= 3
     assert len(REPORTED) >= 3
@@ -204,10 +204,10 @@ def test_reported_seeds_are_no_development_seeds():
     [p for p in sorted((ROOT / "workflows").rglob("*.yaml")) if not p.stem.startswith("results")],
     ids=lambda path: path.stem,
 )
-def test_no_settings_file_names_a_reported_seed(path: Path):
+def test_no_settings_file_names_a_reported_seed(path: Path) -> None:
     assert not seeds_in(yaml.safe_load(path.read_text())) & set(REPORTED)
 
 
-def test_the_check_sees_a_reported_seed():
+def test_the_check_sees_a_reported_seed() -> None:
     content = {"without_data": {"data": {"seed": REPORTED[0]}}, "x": [{"seeds": [7]}]}
     assert seeds_in(content) == {REPORTED[0], 7}

@@ -21,7 +21,7 @@ SPACING = (1.0, 1.0, 3.0)
 CELL = float(np.prod(SPACING))
 
 
-def test_occupancy_sums_to_the_volume_and_lies_between():
+def test_occupancy_sums_to_the_volume_and_lies_between() -> None:
     grid = grid_around(VERTICES, SPACING, np.array([0.3, 0.7, 0.1]))
     share = occupancy(VERTICES, FACES, grid)
     # Eight or more samples a voxel along a smooth border: errors cancel to a part in a thousand.
@@ -34,7 +34,7 @@ def test_occupancy_sums_to_the_volume_and_lies_between():
     assert centre == pytest.approx(0, abs=0.02)
 
 
-def test_noise_stays_at_the_border_and_leaves_the_volume():
+def test_noise_stays_at_the_border_and_leaves_the_volume() -> None:
     grid = grid_around(VERTICES, SPACING, np.zeros(3))
     share = occupancy(VERTICES, FACES, grid)
     quiet = segmented(share, grid, (), 0.0, np.random.default_rng(0))
@@ -48,7 +48,7 @@ def test_noise_stays_at_the_border_and_leaves_the_volume():
 
 
 @pytest.mark.parametrize("is_bridge", [True, False])
-def test_a_bridge_and_a_tunnel_each_make_one_handle(is_bridge):
+def test_a_bridge_and_a_tunnel_each_make_one_handle(is_bridge) -> None:
     grid = grid_around(VERTICES, (1.0, 1.0, 1.0), np.zeros(3) + 12)
     share = occupancy(VERTICES, FACES, grid)
     outward = -12.0 if is_bridge else 12.0
@@ -59,7 +59,7 @@ def test_a_bridge_and_a_tunnel_each_make_one_handle(is_bridge):
     assert euler_number(solid, connectivity=3) == 0
 
 
-def test_labels_meet_at_the_border():
+def test_labels_meet_at_the_border() -> None:
     grid = grid_around(VERTICES, (1.0, 1.0, 1.0), np.full(3, 0.5))
     voxels = occupancy(VERTICES, FACES, grid) > 0.5
     labels = two_labels(voxels, grid, VERTICES, VERTICES[:, 1] - 6.0)
@@ -71,7 +71,7 @@ def test_labels_meet_at_the_border():
     assert right[near & (np.abs(y - 6) > 1.5)].all()
 
 
-def test_a_cut_view_keeps_the_slices_between():
+def test_a_cut_view_keeps_the_slices_between() -> None:
     whole = grid_around(VERTICES, SPACING, np.zeros(3))
     cut = Slab(low_mm=-10.0).within(whole)
     z = cut.axes()[2]

@@ -11,7 +11,7 @@ def families():
     return [random_family(np.random.default_rng(seed), cases=2) for seed in (1, 2)]
 
 
-def test_a_family_is_one_closed_surface_facing_outwards(families):
+def test_a_family_is_one_closed_surface_facing_outwards(families) -> None:
     for shapes, faces in families:
         assert is_oriented_manifold(faces)
         assert face_components(faces).max() == 0
@@ -20,7 +20,7 @@ def test_a_family_is_one_closed_surface_facing_outwards(families):
             assert 50 < np.ptp(vertices, axis=0).max() < 400  # mm
 
 
-def test_cases_differ_and_families_differ_more(families):
+def test_cases_differ_and_families_differ_more(families) -> None:
     (first, _), (second, _) = families
     assert len(first[0]) == len(first[1])
     apart = np.linalg.norm(first[0] - first[1], axis=1)
@@ -29,7 +29,7 @@ def test_cases_differ_and_families_differ_more(families):
     assert len(first[0]) != len(second[0])
 
 
-def test_what_varies_is_the_generators(families):
+def test_what_varies_is_the_generators(families) -> None:
     mean = families[0][0][0]
     again = [varied(mean, np.random.default_rng(seed)) for seed in (5, 5, 6)]
     assert np.array_equal(again[0], again[1])
