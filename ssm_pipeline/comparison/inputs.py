@@ -57,6 +57,36 @@ class ComparisonInputs:
     jobs: int
     terminal: Terminal
 
+    @staticmethod
+    def of(context: Context, meshes: Sequence[Mesh]) -> ComparisonInputs:
+        """The inputs of the evaluation stage.
+
+        Raises:
+            StudyError: The landmarks of the cases can't be used.
+        """
+
+        def labels_of(case_id: str) -> SurfaceLabels:
+            return storage.load(SurfaceLabels, context.case_file("meshing", case_id, "labels.npz"))
+
+        return ComparisonInputs(
+            folder=context.folder(),
+            settings=context.settings,
+            case_keys=context.case_keys,
+            mesh_keys=context.done["meshing"].case_keys,
+            meshes=tuple(meshes),
+            mesh_file=lambda case_id: context.case_file("meshing", case_id, "mesh.npz"),
+            patients=patients_of(context, list(context.case_keys)),
+            anatomy=known_anatomy(context.settings, meshes, labels_of),
+            truth=context.cohort.truth,
+            pairs=PairWork.of(context),
+            training=TrainingWork.of(context),
+            map_cases=context.map_cases,
+            map_here=partial(context.map_cases, in_this_process=True),
+            device=context.device,
+            jobs=context.jobs,
+            terminal=context.terminal,
+        )
+
     @property
     def seed(self) -> int:
         return self.settings.seed
@@ -67,36 +97,6 @@ class ComparisonInputs:
 
     def patients_of(self, case_ids: Sequence[str]) -> dict[str, str]:
         return {case_id: self.patients[case_id] for case_id in case_ids}
-
-
-def comparison_inputs(context: Context, meshes: Sequence[Mesh]) -> ComparisonInputs:
-    """The inputs of the evaluation stage.
-
-    Raises:
-        StudyError: The landmarks of the cases can't be used.
-    """
-
-    def labels_of(case_id: str) -> SurfaceLabels:
-        return storage.load(SurfaceLabels, context.case_file("meshing", case_id, "labels.npz"))
-
-    return ComparisonInputs(
-        folder=context.folder(),
-        settings=context.settings,
-        case_keys=context.case_keys,
-        mesh_keys=context.done["meshing"].case_keys,
-        meshes=tuple(meshes),
-        mesh_file=lambda case_id: context.case_file("meshing", case_id, "mesh.npz"),
-        patients=patients_of(context, list(context.case_keys)),
-        anatomy=known_anatomy(context.settings, meshes, labels_of),
-        truth=context.cohort.truth,
-        pairs=PairWork.of(context),
-        training=TrainingWork.of(context),
-        map_cases=context.map_cases,
-        map_here=partial(context.map_cases, in_this_process=True),
-        device=context.device,
-        jobs=context.jobs,
-        terminal=context.terminal,
-    )
 
 
 def keep_result(inputs: ComparisonInputs, owner: str, task: CaseTask, folder: Path) -> Path:

@@ -76,7 +76,7 @@ def unseen_tables(
     pairs: dict[str, pd.DataFrame] = {}
     for method in learning_methods(inputs.settings):
         try:
-            found = [_fold_scores(inputs, fold, method) for fold in folds]
+            found = [fold_scores(inputs, fold, method) for fold in folds]
         except MissingPackage:
             continue  # reported where the row itself was left out
         for name in TABLES:
@@ -150,7 +150,7 @@ def _template(inputs: ComparisonInputs, matcher_path: Path, kept: Sequence[str])
     return str(storage.read_json(path)["template_id"])
 
 
-def _fold_scores(inputs: ComparisonInputs, fold: Fold, method: str) -> dict[str, pd.DataFrame]:
+def fold_scores(inputs: ComparisonInputs, fold: Fold, method: str) -> dict[str, pd.DataFrame]:
     """A method's tables of one fold, up to date. Raises CaseError, MissingPackage."""
     shapes, settings = produce(inputs, fold.learned, method).shapes, inputs.settings
     key = key_of(

@@ -10,7 +10,7 @@ import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.comparison.anatomy import means_of_methods, pairs_of_methods, without_pairs
-from ssm_pipeline.comparison.inputs import ComparisonInputs, comparison_inputs
+from ssm_pipeline.comparison.inputs import ComparisonInputs
 from ssm_pipeline.comparison.producers import learned_by_run, produce, template_as_matched
 from ssm_pipeline.comparison.retrained_folds import unseen_tables
 from ssm_pipeline.comparison.scores import ScoredMethods, score_methods
@@ -26,7 +26,7 @@ from ssm_pipeline.study.sources import Luna16Data
 def evaluate_methods(context: Context) -> Outcome:
     """<method>/scores/*.csv per method, the same tables of all together, and comparison.csv."""
     run = Run(context.run_folder)
-    inputs = comparison_inputs(context, [run.mesh(case_id) for case_id in context.case_keys])
+    inputs = ComparisonInputs.of(context, [run.mesh(i) for i in context.case_keys])
     scored = score_methods(inputs, learned_by_run(inputs, run), compared(inputs))
     tables = method_tables(inputs, scored) | model_tables(inputs, run)
     save_only(tables, inputs.folder)

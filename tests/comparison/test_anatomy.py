@@ -136,3 +136,17 @@ def test_case_ids_of_digits_stay_text(tmp_path: Path) -> None:
     table = pd.DataFrame({"from_case_id": ["007"], "case_id": ["010"], "landmark": ["1"]})
     table.to_csv(tmp_path / "pairs.csv", index=False)
     pd.testing.assert_frame_equal(storage.read_table(tmp_path / "pairs.csv"), table)
+
+
+def test_landmarks_of_mirrored_cases_are_mirrored(tmp_path: Path):
+    """The mesh of a right case is the mirror image of its scan, on which the landmarks lie."""
+    corners = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    left = Mesh(corners, faces, "p_left")
+    right = Mesh(corners * [-1, 1, 1], faces[:, ::-1], "p_right")  # as the stage meshing leaves it
+    on_scan = np.array([[1.0, 0, 0], [0, 2, 0]])
+    for mesh in (left, right):
+        write_markups(tmp_path, mesh.case_id, ["a", "b"], on_scan)
+    _, positions = landmarks_of_cases(tmp_path, [left, right], mirrored="right")
+    np.testing.assert_array_equal(positions["p_left"], on_scan)
+    np.testing.assert_array_equal(positions["p_right"], on_scan * [-1, 1, 1])
