@@ -23,14 +23,14 @@ import SimpleITK as sitk
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.formats.images import read_organ
 from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
 from ssm_pipeline.data_prep.synthetic.smooth_phantoms import draw, voxelise
 from ssm_pipeline.geometry.topology import euler_number, min_angle_deg
 from ssm_pipeline.meshing.decimation import decimate, reduce_fast
 from ssm_pipeline.meshing.handles import cut_handles
 from ssm_pipeline.meshing.isosurface import isosurface
-from ssm_pipeline.meshing.mask_to_mesh import grid_sizes, mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import grid_sizes, mesh_with_quality
 from ssm_pipeline.meshing.organ import keep_organ
 from ssm_pipeline.meshing.quality import measure_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
@@ -72,9 +72,11 @@ def run(path: Path, label: int) -> None:
     settings = MeshingSettings()
     print(f"{'step':<34}{'wall s':>8}{'cpu s':>8}{'peak MiB':>10}")
     print(f"{'(before)':<34}{'':>16}{peak_mib():>10.0f}")
-    mask = timed("read", lambda: read_mask(path, (label,), "bench"))
+    mask = timed("read", lambda: read_organ(path, (label,), "bench"))
     print(f"  {mask.voxels.shape[::-1]} voxels")
-    mesh, quality = timed("the whole of mesh_from_mask", lambda: mesh_from_mask(mask, settings))
+    mesh, quality = timed(
+        "the whole of mesh_with_quality", lambda: mesh_with_quality(mask, settings)
+    )
 
     print("its parts")
     organ, cleaning = timed("  largest piece, cavities", lambda: keep_organ(mask))

@@ -28,6 +28,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.interpolation.interpolator import Interpolator
 from ssm_pipeline.matching.functional_map import resolvent_mask
+from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.spectral.basis import spectral_basis
@@ -47,7 +48,7 @@ def main() -> None:
     parser.add_argument("--where", action="store_true")
     arguments = parser.parse_args()
     keep_large_blocks()
-    settings = TrainingSettings()
+    settings = TrainingSettings(matching=MatchingSettings(features="wks"))
     x, y = (
         to_shape(
             spectral_basis(

@@ -32,13 +32,14 @@ from ssm_pipeline.commands.fit_patients import (
 )
 from ssm_pipeline.data_prep.cohorts import luna16
 from ssm_pipeline.data_prep.cohorts.selection import Choice
-from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.formats.images import read_organ
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.completion import calibrated_radius, fits_of_parts
 from ssm_pipeline.fitting.cross_validation import CrossValidation
-from ssm_pipeline.fitting.model_fit import fit
-from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
+from ssm_pipeline.fitting.model_fit import fit_model
+from ssm_pipeline.fitting.patient import FitReport, fit_patient
 from ssm_pipeline.fitting.pose_search import start_poses
+from ssm_pipeline.fitting.yardstick import Yardstick
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import Mask, Mesh
 from ssm_pipeline.runs.run import Run, load_run
@@ -154,7 +155,7 @@ class Lab:
             mask, origin_mm=mask.origin_mm * MIRROR, direction=MIRROR[:, None] * mask.direction
         )
         if organ is not None:
-            offered["another organ"] = read_mask(organ, (1, 2), "organ")
+            offered["another organ"] = read_organ(organ, (1, 2), "organ")
         rows = []
         for name, one in offered.items():
             report = self.fitted(patient_surface(one, self.settings))
@@ -217,12 +218,12 @@ class Lab:
         bend it."""
         start = start_poses(self.model, part, self.reference.upright, self.settings.seed)[0].frame
         stiff = dataclasses.replace(self.model.truncate(1), variances=np.array([1e-9]))
-        return fit(stiff, part, start, seed=self.settings.seed).vertices
+        return fit_model(stiff, part, start, seed=self.settings.seed).vertices
 
 
 def lung(data: Path, case_id: str, label: int) -> Mask:
     (case,) = luna16.find_cases(data, choice=Choice(cases=(case_id,))).cases
-    return read_mask(case.files[0], (label,), case_id, "lung")
+    return read_organ(case.files[0], (label,), case_id, "lung")
 
 
 def without_top(mask: Mask) -> Mask:

@@ -66,7 +66,9 @@ def main() -> None:
             for (family, seed), found in cohorts.items():
                 template, own = found.meshes[0], found.template_to_shape[0]
                 for case, true in zip(found.meshes[1:], found.template_to_shape[1:], strict=True):
-                    points = register(template, case, registration, settings).points_on(case)
+                    points = register(template, case, registration, settings, None, 0).points_on(
+                        case
+                    )
                     off = np.linalg.norm(points[own] - case.vertices[true], axis=1).mean()
                     size = np.sqrt(area(case.vertices, case.faces))
                     errors[family, seed, case.case_id] = 100 * off / size

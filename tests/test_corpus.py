@@ -18,9 +18,9 @@ def reader_of(path: Path) -> Callable[[Path], object]:
 
         return read_landmarks
     if path.suffix == ".mha":
-        from ssm_pipeline.data_prep.formats.images import read_mask
+        from ssm_pipeline.data_prep.formats.images import read_organ
 
-        return lambda file: read_mask(file, (3,), "case")
+        return lambda file: read_organ(file, (3,), "case")
     if path.suffix == ".pt":
         from ssm_pipeline.training.matcher import load_matcher
 

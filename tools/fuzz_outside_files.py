@@ -26,14 +26,14 @@ def write_zraw(folder: Path) -> Path:
     return write_image(folder, "a.mhd", compressed=True).with_suffix(".zraw")
 
 
-def read_mask(path: Path) -> object:
-    from ssm_pipeline.data_prep.formats.images import read_mask
+def read_organ(path: Path) -> object:
+    from ssm_pipeline.data_prep.formats.images import read_organ
 
-    return read_mask(path, (3,), "case")
+    return read_organ(path, (3,), "case")
 
 
 def image_reader(name: str, file: str, compressed: bool = False) -> Reader:
-    return Reader(name, lambda folder: write_image(folder, file, compressed), read_mask)
+    return Reader(name, lambda folder: write_image(folder, file, compressed), read_organ)
 
 
 def _two_segments() -> tuple[object, dict[str, np.ndarray]]:
@@ -234,11 +234,11 @@ def read_statismo(path: Path) -> object:
 OUTSIDE_FILES = (
     image_reader("nii", "a.nii"),
     image_reader("nii.gz", "a.nii.gz"),
-    Reader("nii in gz", lambda folder: write_image(folder, "a.nii.gz"), read_mask, GZIP),
+    Reader("nii in gz", lambda folder: write_image(folder, "a.nii.gz"), read_organ, GZIP),
     image_reader("mha", "a.mha"),
     image_reader("mha compressed", "a.mha", compressed=True),
     image_reader("mhd", "a.mhd"),
-    Reader("zraw", write_zraw, lambda path: read_mask(path.with_suffix(".mhd"))),
+    Reader("zraw", write_zraw, lambda path: read_organ(path.with_suffix(".mhd"))),
     image_reader("nrrd", "a.nrrd"),
     image_reader("nrrd compressed", "a.nrrd", compressed=True),
     Reader("seg.nrrd", write_slicer, read_segments),

@@ -14,7 +14,7 @@ CASE_KEYS = {"a": "99", "b": "98"}
 
 
 def write_matcher(folder: Path) -> Path:
-    from ssm_pipeline.training.matcher import Matcher, save_matcher
+    from ssm_pipeline.training.matcher import Matcher
     from ssm_pipeline.training.networks import Networks
     from ssm_pipeline.training.settings import TrainingSettings
 
@@ -22,7 +22,7 @@ def write_matcher(folder: Path) -> Path:
     settings = TrainingSettings.model_validate(
         {"matching": small, "interpolation": {"width": 8, "blocks": 1}}
     )
-    save_matcher(Matcher(Networks.new(settings, 0), settings, 0, ("a", "b")), folder / "m.pt")
+    Matcher(Networks.new(settings, 0), settings, 0, ("a", "b"), 8).save(folder / "m.pt")
     return folder / "m.pt"
 
 
@@ -36,7 +36,7 @@ def write_checkpoint(folder: Path) -> Path:
     import torch
 
     from ssm_pipeline.training.checkpoint import TrainingCheckpoint, save_checkpoint
-    from ssm_pipeline.training.matcher import load_tensors
+    from ssm_pipeline.training.tensor_files import load_tensors
 
     weights = load_tensors(write_matcher(folder))["networks"]
     adam = torch.optim.Adam([torch.nn.Parameter(torch.zeros(3))]).state_dict()

@@ -17,7 +17,7 @@ from ssm_pipeline.data_prep.cohorts.selection import (
 )
 from ssm_pipeline.data_prep.cohorts.sides import mirror_side
 from ssm_pipeline.data_prep.formats.image_files import image_stem, is_image
-from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.formats.images import read_organ
 from ssm_pipeline.data_prep.formats.segments import is_segmentation, read_segments
 from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError
 
@@ -43,7 +43,7 @@ class Organ:
         """Raises CaseError for a file that can't be read or lacks the organ."""
         if self.segments:
             return read_segments(path, self.segments, case_id, self.allow_truncated, self.threshold)
-        return read_mask(
+        return read_organ(
             path, self.labels, case_id, self.name, self.allow_truncated, self.threshold
         )
 

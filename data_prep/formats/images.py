@@ -74,7 +74,7 @@ def read_image(path: Path, case_id: str) -> sitk.Image:
         ) from error
 
 
-def read_mask(
+def read_organ(
     path: Path,
     labels: tuple[int, ...],
     case_id: str,

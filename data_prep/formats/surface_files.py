@@ -12,7 +12,7 @@ from ssm_pipeline.data_prep.formats.damaged import damaged
 from ssm_pipeline.data_prep.formats.vtk_surface import UnreadableSurface, read_vtk
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
-from ssm_pipeline.records import CaseError, Mesh
+from ssm_pipeline.records import CaseError, Mesh, require_type
 
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp")
 _VTK = (".vtk", ".vtp")
@@ -28,12 +28,19 @@ def is_surface(path: Path) -> bool:
 def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
     """Read one surface, in millimetres: .ply, .stl, .obj, .off, .vtk or .vtp.
 
-    case_id  names the case in messages and tables; None: the file's name.
-    Returns  the vertices as the file numbers them, faces cut into triangles. An STL file numbers
-             none, so its equal corners become one vertex. A file that says `SPACE=RAS`, as older
-             versions of 3D Slicer write, is turned to LPS; a file that says nothing is taken as
-             it is. A closed surface whose faces look inward has them turned outward.
-    Raises   CaseError for a file that is missing, damaged, of another kind, or without faces.
+    Args:
+        path: The file.
+        case_id: Names the case in messages and tables. None: the file's name.
+
+    Returns:
+        The vertices as the file numbers them, and the faces cut into triangles. An STL file numbers
+        none, so its equal corners become one vertex. A file that says `SPACE=RAS`, as older
+        versions of 3D Slicer write, is rotated to LPS; other files are taken as they are. A closed
+        surface whose faces look inward has them turned outward.
+
+    Raises:
+        TypeError: For anything but one path.
+        CaseError: For a file that is missing, damaged, of another kind, or without faces.
 
     >>> from pathlib import Path
     >>> _ = Path("case_7.off").write_text(
@@ -43,6 +50,7 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
     >>> mesh.case_id, mesh.vertices.shape, mesh.faces.shape
     ('case_7', (4, 3), (4, 3))
     """
+    require_type(path, (str, Path), "path", "Read several files one by one.")
     path = Path(path)
     case_id = case_id or path.stem
     vertices, faces, space = read_triangles(path, case_id)

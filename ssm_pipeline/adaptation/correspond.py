@@ -36,7 +36,7 @@ MAP_OF: dict[str, InferenceMap | None] = {
 }
 
 
-def correspond(
+def correspond_bases(
     template: SpectralBasis,
     case: SpectralBasis,
     matcher: Matcher | None,

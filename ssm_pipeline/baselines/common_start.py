@@ -11,7 +11,7 @@ from ssm_pipeline.geometry.surface import centroid, unit_area_frame
 from ssm_pipeline.records import Mesh
 
 
-def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
+def rigid_start(template: Mesh, case: Mesh, seed: int) -> Similarity:
     """The similarity that lays a template on a case: both at unit area, centred, then rigid ICP.
 
     Returns the frame from the template's millimetres to the case's. Its scale is the ratio of the
@@ -22,7 +22,7 @@ def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
     >>> corner = Mesh([[0, 0, 0], [9, 0, 0], [0, 3, 0], [0, 0, 1]],
     ...               [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], "corner")
     >>> moved = Mesh(2 * corner.vertices + 5, corner.faces, "moved")
-    >>> float(rigid_start(corner, moved).scale)
+    >>> float(rigid_start(corner, moved, seed=0).scale)
     2.0
     """
     inner, outer = (unit_area_frame(mesh.vertices, mesh.faces) for mesh in (template, case))
@@ -35,7 +35,7 @@ def rigid_start(template: Mesh, case: Mesh, seed: int = 0) -> Similarity:
 
 
 def meshes_at_common_start(
-    template: Mesh, meshes: Sequence[Mesh], seed: int = 0
+    template: Mesh, meshes: Sequence[Mesh], seed: int
 ) -> tuple[list[Mesh], list[Similarity]]:
     """The meshes turned and moved onto the template, sizes kept, by `rigid_start`.
 

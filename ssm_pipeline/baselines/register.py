@@ -31,8 +31,8 @@ def register(
     case: Mesh,
     registration: str,
     settings: RegistrationSettings,
-    start: np.ndarray | None = None,
-    seed: int = 0,
+    start: np.ndarray | None,
+    seed: int,
 ) -> Correspondence:
     """Match a template to a case.
 

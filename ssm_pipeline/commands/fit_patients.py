@@ -20,8 +20,8 @@ from ssm_pipeline.fitting.cross_validation import (
     cross_validate,
 )
 from ssm_pipeline.fitting.partial import opened_at_image_border
-from ssm_pipeline.fitting.patient import FitReport, Yardstick, fit_patient
-from ssm_pipeline.geometry.surface import volume
+from ssm_pipeline.fitting.patient import FitReport, fit_patient
+from ssm_pipeline.fitting.yardstick import Yardstick, drawn_cases, meshes_of
 from ssm_pipeline.records import (
     CaseError,
     CorrespondedShapes,
@@ -37,7 +37,6 @@ from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_run_settings
 
 WAYS = ("model", "matcher")
-DRAWN_CASES = 20
 
 
 def fit_patients(
@@ -107,16 +106,14 @@ def cases_to_judge_by(
     patients = [patient_of[case_id] for case_id in shapes.case_ids]
     if can_judge(patients):
         return shapes, [run.mesh(case_id) for case_id in shapes.case_ids], patients
-    count = max(DRAWN_CASES, 2 * model.mode_count)
+    drawn = drawn_cases(model, settings.seed)
     terminal.say(
         f"the model has {len(shapes.case_ids)} cases of its own, of {len(set(patients))} patients, "
-        f"and fits are judged by {FEWEST_CASES} or more: by {count} shapes drawn from the model "
-        "instead. Those are more alike than patients, so thresholds and intervals are too narrow."
+        f"and fits are judged by {FEWEST_CASES} or more: by {len(drawn.case_ids)} shapes drawn "
+        "from the model instead. Those are more alike than patients, so thresholds and intervals "
+        "are too narrow."
     )
-    drawn = model.sample(count, np.random.default_rng(settings.seed))
-    ids = tuple(f"drawn_{index:03d}" for index in range(count))
-    meshes = [Mesh(shape, model.faces, name) for shape, name in zip(drawn, ids, strict=True)]
-    return CorrespondedShapes(drawn, model.faces, ids, ids[0]), meshes, list(ids)
+    return drawn, meshes_of(drawn), list(drawn.case_ids)
 
 
 def reference_of(
@@ -143,17 +140,12 @@ def reference_of(
 
 
 def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
-    """The surface of a mask as the study makes it, open where the image ended; a surface as it is,
-    its faces turned outward."""
+    """The surface of a mask as the study makes it, open where the image ended; a surface as is."""
     if isinstance(patient, Surface):
-        middle = patient.vertices.mean(axis=0)
-        # Of an open surface too: seen from its middle, most of it looks away.
-        inward = volume(patient.vertices - middle, patient.faces) < 0
-        faces = patient.faces[:, ::-1] if inward else patient.faces
-        return Mesh(patient.vertices, faces, patient.case_id)
-    from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+        return Mesh(patient.vertices, patient.faces, patient.case_id)
+    from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 
-    mesh, quality = mesh_from_mask(patient, settings.meshing)
+    mesh, quality = mesh_with_quality(patient, settings.meshing)
     margin = 2 * quality.smoothing_mm + quality.voxel_mm
     return opened_at_image_border(mesh, patient, margin)
 
@@ -161,7 +153,7 @@ def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
 def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.ndarray:
     """(V, 3) mm: the surface where the template's vertices are, by the network, adaptation, and the
     study's groupwise rounds, of the run's own cases. Raises CaseError for an open surface."""
-    from ssm_pipeline.adaptation.correspond import correspond, correspond_again
+    from ssm_pipeline.adaptation.correspond import correspond_again, correspond_bases
     from ssm_pipeline.geometry.topology import is_oriented_manifold
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
@@ -186,7 +178,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
         )
         for mesh in (run.mesh(run.template_id), surface)
     )
-    match = correspond(
+    match = correspond_bases(
         template,
         patient,
         load_matcher(matcher_file),

@@ -130,7 +130,7 @@ def _trained(
     import torch
 
     from ssm_pipeline.baselines.s3m.s3m import train_s3m
-    from ssm_pipeline.training.matcher import save_tensors
+    from ssm_pipeline.training.tensor_files import save_tensors
 
     def path(epoch: int | str) -> Path:
         return network_path(folder, key, epoch)
@@ -172,6 +172,6 @@ def _write_losses(checkpoint: S3MCheckpoint, folder: Path) -> None:
 
 def _read(network: Path) -> S3MCheckpoint:
     from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint
-    from ssm_pipeline.training.matcher import load_tensors
+    from ssm_pipeline.training.tensor_files import load_tensors
 
     return S3MCheckpoint(**load_tensors(network))

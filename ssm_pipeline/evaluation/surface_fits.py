@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
-from ssm_pipeline.fitting.model_fit import fit
+from ssm_pipeline.fitting.model_fit import fit_model
 from ssm_pipeline.geometry.distances import SurfaceTarget, surface_distance
 from ssm_pipeline.parallel import in_processes
 from ssm_pipeline.records import Mesh
@@ -48,7 +48,7 @@ def fits_to_held_out(
 
 
 def _fitted(model: ShapeModel, mesh: Mesh) -> dict[str, object]:
-    instance = SurfaceTarget.of(fit(model, mesh).vertices, model.faces)
+    instance = SurfaceTarget.of(fit_model(model, mesh).vertices, model.faces)
     distance = surface_distance(instance, SurfaceTarget.of(mesh.vertices, mesh.faces))
     return {
         "case_id": mesh.case_id,

@@ -155,14 +155,14 @@ class _Predictor:
         return f" (trained on {len(overlap)} of the test shapes)" if overlap else ""
 
     def _matched(self, x: Mesh, y: Mesh) -> np.ndarray:
-        from ssm_pipeline.adaptation.correspond import correspond
+        from ssm_pipeline.adaptation.correspond import correspond_bases
 
         bases, coarse = (self.files.basis(y), self.files.basis(x)), None
         if self.matcher is not None:
             faces = self.settings.training.faces
             coarse = self.files.training_basis(y, faces), self.files.training_basis(x, faces)
         seed, adaptation = self.settings.seed, self.settings.adaptation
-        match = correspond(*bases, self.matcher, adaptation, self.method, coarse, seed)
+        match = correspond_bases(*bases, self.matcher, adaptation, self.method, coarse, seed)
         return match.nearest_vertex
 
 

@@ -52,13 +52,13 @@ def seconds_a_pair(
     methods: Sequence[str],
 ) -> dict[str, float]:
     """One match by each method; how well the matcher is trained makes no difference to it."""
-    from ssm_pipeline.adaptation.correspond import correspond
+    from ssm_pipeline.adaptation.correspond import correspond_bases
 
     taken: dict[str, float] = {}
     for method in methods:
         start = time.perf_counter()
         needed = matcher if method_named(method).uses_network else None
-        correspond(y, x, needed, settings, method)
+        correspond_bases(y, x, needed, settings, method)
         taken[method] = time.perf_counter() - start
     return taken
 

@@ -32,7 +32,6 @@ def pretrain(
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.spectral.basis import spectral_basis
     from ssm_pipeline.spectral.settings import SpectralSettings
-    from ssm_pipeline.training.matcher import save_matcher
     from ssm_pipeline.training.train import train_networks
 
     settings = pretraining_settings(features, steps)
@@ -54,5 +53,5 @@ def pretrain(
             on_step=lambda step, losses: progress.advance_to(step, f"loss {losses['total']:.3g}"),
         )
     to.parent.mkdir(parents=True, exist_ok=True)
-    save_matcher(matcher, to, packed=True)
+    matcher.save(to, packed=True)
     terminal.say(f"{to}: {to.stat().st_size / 2**20:.1f} MB")

@@ -36,7 +36,7 @@ def score_s3m_epochs(
     from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint
     from ssm_pipeline.baselines.s3m.s3m import match_s3m
     from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
-    from ssm_pipeline.training.matcher import load_tensors
+    from ssm_pipeline.training.tensor_files import load_tensors
 
     run, settings = load_run(run_folder), read_run_settings(run_folder)
     published, folder = settings.comparison.s3m, run_folder / "evaluation" / "S3M"

@@ -21,7 +21,7 @@ from ssm_pipeline.fitting.cross_validation import (
     of_common_modes,
     score_inflation,
 )
-from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
+from ssm_pipeline.fitting.model_fit import Fit, fit_model, surface_variance
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.distances import SurfaceTarget
@@ -126,7 +126,7 @@ def _completed_without(
     model, start = model_without(shapes, index, with_scale, patients)
     matched = Mesh(shapes.vertices[index], shapes.faces, shapes.case_ids[index])
     part = cut_as_observed(mesh, matched, observed)
-    fitted = fit(model, part, start, with_scale, points=POINTS, steps=STEPS, seed=seed)
+    fitted = fit_model(model, part, start, with_scale, points=POINTS, steps=STEPS, seed=seed)
     distances = SurfaceTarget.of(mesh.vertices, mesh.faces).distances_to(fitted.vertices)
     true = model.coefficients(start.inverse().apply(matched.vertices))
     return distances, surface_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from ssm_pipeline.fitting.model_fit import Fit, fit, surface_variance
+from ssm_pipeline.fitting.model_fit import Fit, fit_model, surface_variance
 from ssm_pipeline.geometry.rigid import best_similarity
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.parallel import in_processes
@@ -170,6 +170,6 @@ def _left_out(
 ) -> tuple[Fit, np.ndarray, np.ndarray]:
     """The fit, its `surface_variance`, and the scores' errors."""
     model, start = model_without(shapes, index, with_scale, patients)
-    fitted = fit(model, mesh, start, with_scale, seed=seed)
+    fitted = fit_model(model, mesh, start, with_scale, seed=seed)
     true = model.coefficients(start.inverse().apply(shapes.vertices[index]))
     return fitted, surface_variance(model, fitted), (fitted.scores - true) / fitted.score_sd

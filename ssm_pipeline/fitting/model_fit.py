@@ -68,7 +68,7 @@ class Fit:
         return not bool(self.observed.all())
 
 
-def fit(
+def fit_model(
     model: ShapeModel,
     surface: Mesh,
     start: Similarity | None = None,
@@ -99,7 +99,7 @@ def fit(
     ...     scores=np.zeros((0, 1)), case_ids=(),
     ... )
     >>> seen = Mesh(model.reconstruct([1.5]) + 200, ball.faces, "elsewhere")
-    >>> np.round(fit(model, seen).scores, 1)
+    >>> np.round(fit_model(model, seen).scores, 1)
     array([1.5])
     """
     problem = _Problem(model, surface, with_scale, points, np.random.default_rng(seed))

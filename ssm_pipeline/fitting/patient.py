@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -11,16 +10,19 @@ from scipy.stats import norm
 from ssm_pipeline.fitting.completion import fits_of_parts, uncertainty
 from ssm_pipeline.fitting.cross_validation import CrossValidation
 from ssm_pipeline.fitting.matched_fit import fit_points
-from ssm_pipeline.fitting.model_fit import Fit, fit
+from ssm_pipeline.fitting.model_fit import Fit, fit_model
 from ssm_pipeline.fitting.pose_search import StartPose, mirrored, start_poses, turned_deg
 from ssm_pipeline.fitting.typicality import CLEARLY_BETTER, Typicality, judge
+from ssm_pipeline.fitting.yardstick import Yardstick
 from ssm_pipeline.geometry.distances import SurfaceDistance, SurfaceTarget, symmetric
 from ssm_pipeline.geometry.similarity import Similarity
-from ssm_pipeline.records import CorrespondedShapes, Mesh
+from ssm_pipeline.geometry.surface import volume
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.model import ShapeModel
 
 TRIAL_POINTS = 400  # of fits that are only compared with each other
 INTERVAL = 0.95
+LARGEST_SIZE = 5.0  # times the mean: a child and an adult differ by less, cm and mm by more
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,21 @@ class FitReport:
     remarks: tuple[str, ...]
 
     @property
+    def flags(self) -> tuple[str, ...]:
+        """What is out of the ordinary, a sentence each; empty for a case like the model's own."""
+        return self.typicality.flags
+
+    @property
+    def mahalanobis(self) -> float:
+        """Distance of the model's own fit from the mean, in standard deviations."""
+        return self.typicality.mahalanobis.value
+
+    @property
+    def residual_mm(self) -> float:
+        """Mean distance of the model's own fit from the surface, on what was seen."""
+        return self.typicality.residual.value
+
+    @property
     def mean_mm(self) -> float:
         """Mean of the two directed mean distances, on what was seen."""
         return self._both_ways.mean
@@ -81,24 +98,6 @@ class FitReport:
         return float(self.observed.mean())
 
 
-@dataclass(frozen=True, eq=False)
-class Yardstick:
-    """What patients are held against.
-
-    shapes      the model's cases as matched, and their own meshes; reference: `cross_validate` of
-                both.
-    with_scale  whether their alignment removed size.
-    patients    (N,) whom each case is of; None: each its own.
-    """
-
-    model: ShapeModel
-    shapes: CorrespondedShapes
-    meshes: Sequence[Mesh]
-    reference: CrossValidation
-    with_scale: bool = False
-    patients: Sequence[str] | None = None
-
-
 def fit_patient(
     yardstick: Yardstick,
     surface: Mesh,
@@ -108,17 +107,31 @@ def fit_patient(
 ) -> FitReport:
     """Fit a surface from several starts, judge it, and say how uncertain each vertex is.
 
-    surface    in millimetres; open where it was cut off.
-    matched    (V, 3) mm on the surface, matched to the template's vertices by the network and
-               adaptation; None: the model finds its own place. Whether the patient is of the
-               model's kind is judged by the model's own fit in both cases.
-    A surface that fits upside down or mirrored is fitted so, or as it lies, and flagged.
+    A surface that fits upside down or mirrored is fitted so, or as it lies, and flagged. Faces that
+    look inward are turned outward, which is flagged too.
+
+    Args:
+        yardstick: The model, its cases, and their own fits.
+        surface: In millimetres; open where it was cut off.
+        matched: `(V, 3)` mm on the surface, matched to the template's vertices by the network and
+            adaptation. None: the model finds its own place. Whether the patient is of the model's
+            kind is judged by the model's own fit in both cases.
+        seed: Decides the points that are drawn on both surfaces.
+        jobs: The number of processes.
+
+    Returns:
+        Pose, scores, reconstruction, their uncertainty, and the flags.
+
+    Raises:
+        CaseError: Where no point of the model faces the surface.
     """
+    surface, warnings = outward_and_in_mm(surface, yardstick.model)
     model, reference, with_scale = yardstick.model, yardstick.reference, yardstick.with_scale
     own, turned, mirror_ratio = best_fit(model, surface, reference, with_scale, seed)
     typicality = judge(
         own.residual_mm, own.mahalanobis, turned, mirror_ratio, own.frame.scale, reference
     )
+    typicality = replace(typicality, flags=(*warnings, *typicality.flags))
     fitted, remarks = own, []
     if matched is not None:
         fitted = fit_points(model, matched, surface, with_scale)
@@ -164,6 +177,30 @@ def fit_patient(
     )
 
 
+def outward_and_in_mm(surface: Mesh, model: ShapeModel) -> tuple[Mesh, tuple[str, ...]]:
+    """The surface with its faces outward, and a flag for what was wrong with it.
+
+    Args:
+        surface: As given, open or closed.
+        model: The model in millimetres.
+
+    Returns:
+        The surface, and a sentence for faces that looked inward and for a size that no patient
+        has, which other units than millimetres give.
+    """
+    flags = []
+    # Of an open surface too: seen from its middle, most of it looks away.
+    if volume(surface.vertices - surface.vertices.mean(axis=0), surface.faces) < 0:
+        surface = Mesh(surface.vertices, surface.faces[:, ::-1], surface.case_id)
+        flags.append("inside out: its faces looked inward. They were turned outward for the fit.")
+    size = float(np.ptp(surface.vertices, axis=0).max() / np.ptp(model.mean, axis=0).max())
+    if not 1 / LARGEST_SIZE <= size <= LARGEST_SIZE:
+        flags.append(
+            f"units: it is {size:.2g} times as large as the model's mean. Is it in millimetres?"
+        )
+    return surface, tuple(flags)
+
+
 def best_fit(
     model: ShapeModel, surface: Mesh, reference: CrossValidation, with_scale: bool, seed: int
 ) -> tuple[Fit, float, float]:
@@ -178,7 +215,7 @@ def best_fit(
     # The mirror plane is the body's, so that a mirrored upright organ is upright too.
     images = _trials(model, mirrored(surface), reference.upright, with_scale, seed)
     mirror_ratio = min(misfit(image, reference) for image in images) / misfit(best, reference)
-    fitted = fit(model, surface, best.frame, with_scale, seed=seed)
+    fitted = fit_model(model, surface, best.frame, with_scale, seed=seed)
     from_upright = reference.upright.T @ fitted.frame.rotation
     return fitted, turned_deg(Similarity(1.0, from_upright, np.zeros(3))), mirror_ratio
 
@@ -199,6 +236,6 @@ def _trials(
 ) -> list[Fit]:
     starts: tuple[StartPose, ...] = start_poses(model, surface, upright, seed)
     return [
-        fit(model, surface, start.frame, with_scale, points=TRIAL_POINTS, seed=seed)
+        fit_model(model, surface, start.frame, with_scale, points=TRIAL_POINTS, seed=seed)
         for start in starts
     ]

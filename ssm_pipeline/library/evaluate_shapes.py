@@ -1,4 +1,4 @@
-"""One's own method in our tables: corresponded shapes, or a model of them, scored."""
+"""Scores of corresponded shapes of any method, or of a model of them, as in a study's tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.tables import with_surface_fits
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError
+from ssm_pipeline.records import (
+    CorrespondedShapes,
+    Mesh,
+    Metrics,
+    StudyError,
+    require_each,
+    require_type,
+)
 from ssm_pipeline.shape_model.model import ShapeModel
 
 FARTHEST_SHARE = 0.25  # of a shape's size: its vertices lie nearer to its own mesh than this
@@ -29,17 +36,29 @@ def evaluate(
 ) -> Metrics:
     """Compactness, generalisation, specificity and fit, as a study's tables give them.
 
-    shapes      N >= 4 corresponded shapes of any method; or a model with all its modes and scores,
-                whose cases are then rebuilt from it.
-    meshes      each case's own surface, lying where its shape lies: in the case's own millimetres
-                for shapes as matched, in the model's frame for a model. In any order, by case_id.
-    settings    numbers of points and draws; None: as a study's.
-    seed        of points and draws. name: what the column `method` says.
-    with_scale  whether the alignment removes size. jobs: processes.
-    Returns     `.tables` by name: compactness, generalisation (a row per case),
-                generalisation_mean, specificity, correspondence; millimetres.
-    Raises      StudyError for too few cases, a model without its cases, or meshes that lie
-                elsewhere than the shapes.
+    Args:
+        shapes: N >= 4 corresponded shapes of any method; or a model with all its modes and scores,
+            from which the cases are rebuilt.
+        meshes: The surface of each case, in the same place as its shape: in the case's own
+            millimetres for shapes as matched, in the model's frame for a model. In any order, by
+            case_id.
+        settings: Numbers of points and draws. None: a study's defaults.
+        seed: Decides the points and draws.
+        name: The value of the column `method`.
+        with_scale: Whether the alignment removes size.
+        jobs: The number of processes.
+
+    Returns:
+        `.tables` by name: compactness, generalisation (a row per case), generalisation_mean,
+        specificity, correspondence; lengths in mm.
+
+    Raises:
+        TypeError: For arguments of other types.
+        StudyError: For too few cases, a model without its cases, or meshes that lie elsewhere than
+            the shapes.
+
+    Source: Davies et al. 2002, "A minimum description length approach to statistical shape
+    modeling" (compactness, generalisation, specificity).
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(2)
@@ -52,6 +71,8 @@ def evaluate(
     >>> tables["generalisation_mean"]["modes"].tolist()
     [1, 2]
     """
+    require_type(shapes, (CorrespondedShapes, ShapeModel), "shapes")
+    require_each(meshes, Mesh, "meshes", "Read a file with read_mesh.")
     if isinstance(shapes, ShapeModel):
         shapes = cases_of(shapes)
     _check_places(shapes, meshes)
@@ -62,19 +83,26 @@ def evaluate(
 def compare_methods(
     scored: Mapping[str, Metrics], baseline: str, draws: int = 10_000, seed: int = 0
 ) -> pd.DataFrame:
-    """Methods side by side on the same cases, and what sets each apart from one of them.
+    """Compare methods on the same cases, each with one of them as the baseline.
 
-    scored    name → what `evaluate` found: of the same cases, with the same settings and seed.
-    baseline  the name of the one that the others are compared with.
-    draws     resamplings of the cases, by `seed`.
-    Returns   a row per method, as a study's comparison.csv: method, modes (as many for all),
-              variance_percent, variance_mm2, cases, points; generalisation and specificity, each
-              with its standard error, by surface distance, Chamfer distance and HD95;
-              surface_fit_mm; and of generalisation (surface, Chamfer) and specificity (surface) the
-              difference to the baseline, _low_mm and _high_mm of its 95 % interval over the cases,
-              and _p, by Holm's correction. The interval of specificity needs
-              `EvaluationSettings(jackknife_samples=24)` or so, else it is NaN. Lengths in mm.
-    Raises    ValueError for methods that were not scored alike, or an unknown baseline.
+    Args:
+        scored: What `evaluate` returned for each method, by name: of the same cases, with the same
+            settings and seed.
+        baseline: The name of the method that the others are compared with.
+        draws: The number of resamplings of the cases.
+        seed: Decides the resamplings.
+
+    Returns:
+        A row per method, as in a study's comparison.csv: method, modes (the same number for all),
+        variance_percent, variance_mm2, cases, points; generalisation and specificity, each with its
+        standard error, by surface distance, Chamfer distance and HD95; surface_fit_mm; and for
+        generalisation (surface, Chamfer) and specificity (surface) the difference to the baseline,
+        _low_mm and _high_mm of its 95 % interval over the cases, and _p, by Holm's correction. The
+        interval of specificity needs `EvaluationSettings(jackknife_samples=24)` or so, else it is
+        NaN. Lengths in mm.
+
+    Raises:
+        ValueError: For methods that were not scored alike, or an unknown baseline.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(2)
@@ -96,20 +124,23 @@ def compare_methods(
 
 
 def cases_of(model: ShapeModel) -> CorrespondedShapes:
-    """The cases that a model was built of, in its frame. Raises StudyError if it can't say."""
+    """The cases that a model was built from, in its frame.
+
+    Raises:
+        StudyError: For a model without its cases, or without all their modes.
+    """
     count = len(model.case_ids)
     if not count:
         raise StudyError(
             "the model names no cases, so leaving one out is impossible. Pass the corresponded "
-            "shapes it was built of."
+            "shapes it was built from."
         )
     rebuilt = model.reconstruct(model.scores)
-    # All modes are kept if and only if the scores' own variance is all there is; a model of fewer
-    # modes would flatter itself, since what they lack is lacking in its cases too.
+    # Cases rebuilt from fewer modes would lack what the model lacks, and give too good scores.
     if model.mode_count < count - 1:
         raise StudyError(
             f"the model holds {model.mode_count} modes of {count} cases; {count - 1} are needed to "
-            "rebuild the cases. Pass the corresponded shapes it was built of."
+            "rebuild the cases. Pass the corresponded shapes it was built from."
         )
     return CorrespondedShapes(rebuilt, model.faces, model.case_ids, model.case_ids[0])
 

@@ -1,6 +1,6 @@
 """Surfaces in memory → matcher, correspondences, corresponded shapes: the pipeline as functions.
 
-The stages call the same functions of the rooms and keep what they return; here nothing is kept.
+The stages call the same functions and write what they return; these functions write nothing.
 """
 
 from __future__ import annotations
@@ -9,7 +9,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ssm_pipeline.adaptation import correspond as one_pair
+from ssm_pipeline.adaptation.correspond import (
+    correspond_again,
+    correspond_bases,
+    pair_method,
+)
 from ssm_pipeline.adaptation.pose import CoarsePair
 from ssm_pipeline.adaptation.rigid_start import rank_templates_by_distance
 from ssm_pipeline.adaptation.settings import AdaptationSettings
@@ -23,6 +27,8 @@ from ssm_pipeline.records import (
     SpectralBasis,
     StudyError,
     refuse_doubled,
+    require_each,
+    require_type,
 )
 from ssm_pipeline.shape_model.cohort_matching import matched_cohort
 from ssm_pipeline.shape_model.settings import GroupwiseSettings
@@ -34,6 +40,10 @@ from ssm_pipeline.training.template_choice import choose_template
 from ssm_pipeline.training.train import train_networks
 
 MeshOrBasis = Mesh | SpectralBasis
+MESH_OR_BASIS = (Mesh, SpectralBasis)
+MATCHER_OR_NONE = (Matcher, type(None))
+READ = "Read a file with read_mesh, or make a mesh from arrays with Mesh."
+TRAIN = "Train one with train, or read one with load_matcher."
 _SPECTRAL = SpectralSettings()
 
 
@@ -47,14 +57,29 @@ def train(
 ) -> Matcher:
     """Train a matcher on the pairs of a cohort, without labels.
 
-    surfaces  meshes in mm, which are coarsened first as a study's are (`settings.faces`); or
-              spectral bases, taken as they are.
-    steps     optimiser steps, one pair each; None: as `settings` say.
-    seed      of the first weights and of the order of the pairs.
-    device    "cpu", "cuda"; None: cuda where there is one.
-    start     "built-in": weights that synthetic shapes trained, which need few steps or none; or
-              the path of a matcher; None: as `settings` say, by default fresh weights.
-    Raises    StudyError for fewer than two surfaces, CaseError for one that can't be used.
+    Args:
+        surfaces: Meshes in mm, which are coarsened first as a study's are (`settings.faces`); or
+            spectral bases, which are used as they are. A matcher reads the coordinates of shapes
+            that lie alike, to about 40 degrees. For shapes in any position pass
+            `TrainingSettings(matching=MatchingSettings(features="wks"))`.
+        steps: Optimiser steps, one pair each. None: as `settings` say.
+        settings: Networks, losses and schedule. None: a study's defaults.
+        seed: Decides the first weights and the order of the pairs.
+        device: "cpu" or "cuda". None: cuda where there is one.
+        start: "built-in": weights that were trained on synthetic shapes, which need few steps or
+            none. The path of a matcher: its weights. None: as `settings` say, by default fresh
+            weights.
+
+    Returns:
+        The trained matcher. `Matcher.save` writes it to a file.
+
+    Raises:
+        TypeError: For anything but meshes and bases.
+        StudyError: For fewer than two surfaces, for bases with different numbers of eigenpairs, and
+            for starting weights that do not fit.
+        CaseError: For a surface that cannot be used.
+
+    Source: Cao et al. 2024, "Spectral Meets Spatial", Eq. 14.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3)
@@ -66,6 +91,7 @@ def train(
     >>> matcher.trained_on
     ('case_0', 'case_1', 'case_2')
     """
+    require_each(surfaces, MESH_OR_BASIS, "surfaces", READ)
     given = {"steps": steps, "start": start}
     changes = {name: value for name, value in given.items() if value is not None}
     settings = TrainingSettings.model_validate(
@@ -88,11 +114,23 @@ def correspond(
 ) -> Correspondence:
     """Match a template to a case: for each of its vertices, a point on the case's surface.
 
-    template, case  surfaces in mm. Meshes are also read at the density the matcher was trained at.
-    matcher         of `train`; None for the methods that use no network.
-    method          "full", or an ablation: see `adaptation.correspond`.
-    seed            of the points that alignment and adaptation draw on both surfaces.
-    Returns         `match.points_on(case)` are the points, (V_template, 3) mm.
+    Args:
+        template: A surface in mm. A mesh is also read at the density the matcher was trained at.
+        case: A surface in mm.
+        matcher: A matcher of `train`. None for the methods that use no network.
+        method: "full", or an ablation: see `ssm_pipeline.methods`.
+        settings: Of test-time adaptation. None: a study's defaults.
+        seed: Decides the points that alignment and adaptation draw on both surfaces.
+
+    Returns:
+        The correspondence. `match.points_on(case)` are the points, `(V_template, 3)` mm.
+
+    Raises:
+        TypeError: For anything but meshes, bases and a matcher.
+        StudyError: For a method that does not exist, and for a basis with more or fewer eigenpairs
+            than the matcher was trained with.
+
+    Source: Cao et al. 2024, "Spectral Meets Spatial", Eq. 15.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3)
@@ -102,6 +140,9 @@ def correspond(
     >>> match.points_on(case).shape
     (642, 3)
     """
+    require_type(template, MESH_OR_BASIS, "template", READ)
+    require_type(case, MESH_OR_BASIS, "case", READ)
+    require_type(matcher, MATCHER_OR_NONE, "matcher", TRAIN)
     spectral = _spectral_of(matcher)
     coarse: CoarsePair | None = None
     if matcher is not None and isinstance(template, Mesh) and isinstance(case, Mesh):
@@ -109,7 +150,7 @@ def correspond(
             _as_trained_on(template, matcher.settings, spectral),
             _as_trained_on(case, matcher.settings, spectral),
         )
-    return one_pair.correspond(
+    return correspond_bases(
         _basis(template, spectral),
         _basis(case, spectral),
         matcher,
@@ -131,16 +172,25 @@ def match_cohort(
 ) -> CorrespondedShapes:
     """Put a cohort into correspondence: a template matched to all, then the mean shape, in rounds.
 
-    meshes    closed surfaces in mm, of a few thousand triangles each (`decimate`), in any position;
-              each lies the way the others do, to about 40 degrees.
-    matcher   of `train`; None for the methods that use no network.
-    template  the case that is matched to all others; None: the one whose mean loss is smallest, or
-              without a matcher the one nearest to the others.
-    rounds    groupwise rounds: the mean of the shapes so far is adapted to every case anew. None:
-              as a study does; 0: the template alone.
-    Returns   (N, V, 3) mm, each case in its own position, on the template's faces.
-    Raises    StudyError for a template that is none of the cases, for two cases with one id, and
-              for a method that does not exist.
+    Args:
+        meshes: Closed surfaces in mm with a few thousand triangles each (`decimate`). They may lie
+            anywhere, but must be oriented alike, to about 40 degrees.
+        matcher: A matcher of `train`. None for the methods that use no network.
+        template: The case that is matched to all others. None: the case with the smallest mean
+            loss, or without a matcher the case nearest to the others.
+        rounds: The number of groupwise rounds. In each, the mean of the shapes so far is adapted to
+            every case again. None: as in a study. 0: the template only.
+        method: "full", or an ablation: see `ssm_pipeline.methods`.
+        settings: Of test-time adaptation. None: a study's defaults.
+        seed: Decides the points that alignment and adaptation draw on the surfaces.
+
+    Returns:
+        Shapes `(N, V, 3)` mm, each in the case's own position, on the template's faces.
+
+    Raises:
+        TypeError: For anything but a list of meshes and a matcher.
+        StudyError: For a template that is none of the cases, for two cases with one id, and for a
+            method that does not exist.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3)
@@ -152,7 +202,9 @@ def match_cohort(
     >>> shapes.vertices.shape, shapes.template_id
     ((3, 642, 3), 'case_0')
     """
-    one_pair.pair_method(method)
+    require_each(meshes, Mesh, "meshes", READ)
+    require_type(matcher, MATCHER_OR_NONE, "matcher", TRAIN)
+    pair_method(method)
     refuse_doubled([mesh.case_id for mesh in meshes])
     settings = settings or AdaptationSettings()
     groupwise = GroupwiseSettings() if rounds is None else GroupwiseSettings(rounds=rounds)
@@ -174,9 +226,9 @@ def match_cohort(
     def match_case(case: int, start: np.ndarray | None) -> Correspondence:
         pair = bases[chosen], bases[case]
         if start is not None:
-            return one_pair.correspond_again(start, *pair, settings, seed)
+            return correspond_again(start, *pair, settings, seed)
         dense_as_trained = (coarse[chosen], coarse[case]) if coarse else None
-        return one_pair.correspond(*pair, matcher, settings, method, dense_as_trained, seed)
+        return correspond_bases(*pair, matcher, settings, method, dense_as_trained, seed)
 
     return matched_cohort(meshes[chosen], meshes, match, groupwise).shapes
 
@@ -192,7 +244,7 @@ def _most_like_the_others(
 
 def _spectral_of(matcher: Matcher | None) -> SpectralSettings:
     """As many eigenpairs as the matcher was trained with."""
-    if matcher is None or matcher.eigenpairs == 0:
+    if matcher is None:
         return _SPECTRAL
     return SpectralSettings(eigenpairs=matcher.eigenpairs)
 

@@ -15,7 +15,9 @@ InferenceMap = Literal["projected", "features", "soft"]
 
 
 class MatchingSettings(Settings):
-    features: Literal["wks", "xyz+wks"] = "wks"  # network input; xyz for scanner-aligned cohorts
+    # Network input: the wave kernel signature, and the coordinates of shapes that lie alike. The
+    # paper, and shapes in any position: wks.
+    features: Literal["wks", "xyz+wks"] = "xyz+wks"
     descriptors: int = Field(128, ge=2)  # dimensions of the wave kernel signature
     channels: int = Field(256, ge=1)  # features a vertex; the paper: 256, near-isometric 384
     width: int = Field(128, ge=1)  # hidden channels of DiffusionNet

@@ -43,6 +43,29 @@ def input_channels(settings: MatchingSettings) -> int:
     return settings.descriptors + (3 if settings.features == "xyz+wks" else 0)
 
 
+def network_inputs(
+    vertices: np.ndarray,
+    eigenvalues: np.ndarray,
+    eigenvectors: np.ndarray,
+    settings: MatchingSettings,
+) -> np.ndarray:
+    """The inputs of the feature network: the wave kernel signature, and coordinates if set.
+
+    Args:
+        vertices: `(V, 3)`, unit area.
+        eigenvalues: `(K,)`, ascending.
+        eigenvectors: `(V, K)`.
+        settings: Which inputs, and how many descriptors.
+
+    Returns:
+        `(V, D)`.
+    """
+    descriptors = wave_kernel_signature(eigenvalues, eigenvectors, settings.descriptors)
+    if settings.features == "xyz+wks":
+        return np.concatenate([COORDINATE_SCALE * vertices, descriptors], axis=1)
+    return descriptors
+
+
 def to_shape(
     basis: SpectralBasis,
     settings: MatchingSettings,
@@ -55,9 +78,7 @@ def to_shape(
     def tensor(array: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=dtype, device=device)
 
-    descriptors = wave_kernel_signature(basis.eigenvalues, basis.eigenvectors, settings.descriptors)
-    if settings.features == "xyz+wks":
-        descriptors = np.concatenate([COORDINATE_SCALE * basis.vertices, descriptors], axis=1)
+    inputs = network_inputs(basis.vertices, basis.eigenvalues, basis.eigenvectors, settings)
     edges, weights = _weighted_edges(basis.laplacian)
     return Shape(
         case_id=basis.case_id,
@@ -66,7 +87,7 @@ def to_shape(
         eigenvalues=tensor(basis.eigenvalues),
         eigenvectors=tensor(basis.eigenvectors),
         projection=tensor((basis.eigenvectors * basis.mass[:, None]).T),
-        inputs=tensor(descriptors),
+        inputs=tensor(inputs),
         gradients=SparseMatrix(sp.vstack([basis.gradient_x, basis.gradient_y]), device, dtype),
         laplacian=SparseMatrix(basis.laplacian, device, dtype),
         edges=torch.as_tensor(edges, device=device),

@@ -10,7 +10,7 @@ from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import face_normals, vertex_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
 from ssm_pipeline.meshing.smoothing import neighbour_mean, restore_volume
-from ssm_pipeline.records import CaseError, Mesh
+from ssm_pipeline.records import CaseError, Mesh, require_type
 
 SPREAD_ROUNDS, STEPS_A_ROUND = 4, 3
 
@@ -30,7 +30,19 @@ def decimate(mesh: Mesh, faces: int, fast_faces: int = 40_000) -> Mesh:
     Quadric edge collapse: fast-simplification down to `fast_faces`, then MeshLab with normals and
     topology kept; at last the vertices are spread evenly along the surface. A mesh that is small
     enough is returned as it is.
-    Raises CaseError if the mesh is not a closed manifold, or can't be brought to `faces`.
+
+    Args:
+        mesh: A closed manifold in mm.
+        faces: The largest number of triangles.
+        fast_faces: The number of triangles at which the slower, exact method takes over.
+
+    Returns:
+        The coarser mesh, with the volume of `mesh`.
+
+    Raises:
+        TypeError: For arguments of other types.
+        CaseError: For a mesh that is not a closed manifold, or cannot be reduced to `faces`.
+
     Source: Garland and Heckbert 1997.
 
     >>> import trimesh
@@ -38,6 +50,8 @@ def decimate(mesh: Mesh, faces: int, fast_faces: int = 40_000) -> Mesh:
     >>> len(ball.faces), len(decimate(Mesh(ball.vertices, ball.faces, "ball"), 2000).faces)
     (5120, 2000)
     """
+    require_type(mesh, Mesh, "mesh", "Read a file with read_mesh.")
+    require_type(faces, (int, np.integer), "faces")
     check_decimation_available()
     if len(mesh.faces) <= faces:
         return mesh

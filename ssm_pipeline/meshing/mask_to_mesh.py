@@ -16,7 +16,7 @@ from ssm_pipeline.meshing.smoothing import laplacian_smoothing, restore_volume
 from ssm_pipeline.records import CaseError, Mask, Mesh
 
 
-def mesh_from_mask(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
+def mesh_with_quality(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
     """Crop, keep the largest piece, fill cavities, blur, extract, smooth, cut handles, decimate.
 
     The blur's level is the one that keeps the volume, and what smoothing and decimation take off

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.quality import MeshQuality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.meshing.surface_to_mesh import mesh_from_surface
@@ -13,9 +13,9 @@ STEP = 0.03  # of the organ's length, the cube root of its volume: a tenth of th
 
 
 def quick_mesh(case: Mask | Surface, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
-    """`mesh_from_mask` or `mesh_from_surface` of few triangles. Raises CaseError as they do."""
+    """`mesh_with_quality` or `mesh_from_surface` of few triangles. Raises CaseError as they do."""
     coarse = settings.model_copy(update={"faces": min(FACES, settings.faces)})
     if isinstance(case, Surface):
         return mesh_from_surface(case, coarse)
     step = max(STEP * case.volume_mm3 ** (1 / 3), 0.1)
-    return mesh_from_mask(case, coarse.model_copy(update={"voxel_mm": step}))
+    return mesh_with_quality(case, coarse.model_copy(update={"voxel_mm": step}))

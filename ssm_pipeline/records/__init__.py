@@ -1,8 +1,12 @@
-"""The nouns that travel between the rooms of the pipeline, checked on construction.
+"""The records that pass between the packages of the pipeline, checked on construction.
 
 World space is LPS (left, posterior, superior), in millimetres, everywhere.
 """
 
+from ssm_pipeline.records.arguments import (
+    require_each,
+    require_type,
+)
 from ssm_pipeline.records.cases import (
     CaseSource,
     Cohort,
@@ -49,4 +53,6 @@ __all__ = [
     "Surface",
     "SurfaceLabels",
     "refuse_doubled",
+    "require_each",
+    "require_type",
 ]

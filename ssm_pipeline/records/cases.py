@@ -17,11 +17,29 @@ from ssm_pipeline.records.truth import PhantomTruth
 class Mask:
     """A binary segmentation in patient space.
 
-    voxels     (Z, Y, X) bool.
-    spacing_mm (3,) voxel size along x, y, z; origin_mm (3,) LPS of voxel (0, 0, 0);
-    direction  (3, 3), columns are the image axes x, y, z in LPS.
-    warnings   what a reader of the report should know of this case.
-    labels     (Z, Y, X) int, where the organ is made of several labelled parts; 0 outside.
+    A NumPy array becomes a mask as `Mask(array, spacing_mm, origin_mm, direction, "liver_7")`. The
+    axes of the array are z, y, x, as SimpleITK gives them; nibabel gives x, y, z, so transpose
+    its arrays first. Spacing, origin and direction are in the order x, y, z.
+
+    Attributes:
+        voxels: `(Z, Y, X)` bool.
+        spacing_mm: `(3,)` voxel size along x, y, z, mm.
+        origin_mm: `(3,)` the centre of voxel (0, 0, 0), mm LPS.
+        direction: `(3, 3)`, its columns are the image axes x, y, z in LPS.
+        case_id: Names the case in messages and tables.
+        warnings: What a reader of the report should know about this case.
+        labels: `(Z, Y, X)` int, where the organ consists of several labelled parts; 0 outside.
+
+    Raises:
+        CaseError: For arrays of other shapes, a voxel size that is not positive, and axes that are
+            not at right angles.
+
+    >>> import numpy as np
+    >>> voxels = np.zeros((10, 20, 30), dtype=bool)
+    >>> voxels[2:8, 5:15, 5:25] = True
+    >>> mask = Mask(voxels, [0.5, 0.5, 2.0], [0, 0, 0], np.eye(3), "liver_7")
+    >>> mask.volume_mm3
+    600.0
     """
 
     voxels: np.ndarray
@@ -33,26 +51,47 @@ class Mask:
     labels: np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "voxels", np.asarray(self.voxels, dtype=bool))
+        for name in ("spacing_mm", "origin_mm", "direction"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
         if self.voxels.ndim != 3:
             raise CaseError(
                 self.case_id,
                 f"the mask has {self.voxels.ndim} dimensions; 3 are needed. "
                 "Export one 3D volume per case.",
             )
-        if not (np.all(np.isfinite(self.spacing_mm)) and np.all(np.asarray(self.spacing_mm) > 0)):
+        for name, shape in (("spacing_mm", (3,)), ("origin_mm", (3,)), ("direction", (3, 3))):
+            found = getattr(self, name).shape
+            if found != shape:
+                raise CaseError(self.case_id, f"{name} has shape {found}; {shape} is needed.")
+        if not (np.all(np.isfinite(self.spacing_mm)) and np.all(self.spacing_mm > 0)):
             raise CaseError(
                 self.case_id,
                 f"voxel spacing is {tuple(map(float, self.spacing_mm))} mm; finite positive "
                 "numbers are needed. Correct the image header.",
             )
+        if not np.abs(self.direction.T @ self.direction - np.eye(3)).max() < 1e-3:
+            raise CaseError(
+                self.case_id,
+                "the image axes (direction) are not at right angles; a plain grid is needed. "
+                "Resample the image to one.",
+            )
 
     @property
     def volume_mm3(self) -> float:
+        """The volume of the voxels, mm³."""
         return float(self.voxels.sum() * np.prod(self.spacing_mm))
 
     def to_world(self, index_xyz: np.ndarray) -> np.ndarray:
-        """(…, 3) continuous voxel indices in x, y, z order → (…, 3) mm LPS."""
-        return (index_xyz * self.spacing_mm) @ np.asarray(self.direction).T + self.origin_mm
+        """Map voxel indices to patient space.
+
+        Args:
+            index_xyz: `(…, 3)` continuous indices in the order x, y, z.
+
+        Returns:
+            `(…, 3)` mm LPS.
+        """
+        return (index_xyz * self.spacing_mm) @ self.direction.T + self.origin_mm
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,11 +139,11 @@ def match_mean(
 
 def write_match(pair: Pair, folder: Path) -> Row:
     """Write correspondence.npz."""
-    from ssm_pipeline.adaptation.correspond import correspond
+    from ssm_pipeline.adaptation.correspond import correspond_bases
 
     template, case = pair.bases("basis.npz")
     matcher, coarse = pair.networks()
-    match = correspond(template, case, matcher, pair.settings, pair.method, coarse, pair.seed)
+    match = correspond_bases(template, case, matcher, pair.settings, pair.method, coarse, pair.seed)
     storage.save(match, folder / "correspondence.npz")
     return {"case_id": case.case_id, "template_id": template.case_id, "start": match.start}
 

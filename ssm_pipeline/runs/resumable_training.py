@@ -93,11 +93,10 @@ def key_of_start(settings: TrainingSettings) -> str:
 
 def trained_matcher(load_bases: Callable[[], Sequence[SpectralBasis]], job: TrainingJob) -> Path:
     """matcher-<key>.pt in the job's folder: if it is there, nothing is read nor done."""
-    from ssm_pipeline.training.matcher import save_matcher
 
     if not job.matcher.exists():
         matcher, _ = train_resumably(load_bases(), job)
-        save_matcher(matcher, job.matcher)
+        matcher.save(job.matcher)
         storage.remove(job.checkpoint)
     return job.matcher
 

@@ -103,7 +103,7 @@ class ShapeModel:
         """Scores of corresponding, aligned points (…, V, 3) mm: (…, M) standard deviations.
 
         Exact for an instance of the model; of other shapes, the scores of the nearest instance.
-        To fit the model to a surface, use `ssm_pipeline.fitting.model_fit.fit`.
+        To fit the model to a surface, use `ssm_pipeline.fit`.
         """
         flat = (self._corresponding(points) - self.mean).reshape(*np.shape(points)[:-2], -1)
         return flat @ self.modes.reshape(self.mode_count, -1).T / self.standard_deviations

@@ -12,19 +12,31 @@ from scipy.spatial import cKDTree
 
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.geometry.topology import face_components
-from ssm_pipeline.records import CaseError, Mesh, SpectralBasis
+from ssm_pipeline.records import CaseError, Mesh, SpectralBasis, require_type
 from ssm_pipeline.spectral.gradients import gradient_operators
 from ssm_pipeline.spectral.settings import SpectralSettings
 
 
-def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> SpectralBasis:
-    """Centre a mesh, scale it to unit area, and compute what the networks read of it.
+def spectral_basis(mesh: Mesh, settings: SpectralSettings | int | None = None) -> SpectralBasis:
+    """Centre a mesh, scale it to unit area, and compute the Laplacian eigenpairs and operators.
 
-    settings  the number of eigenpairs; None: a study's default.
-    Laplacian: cotangent weights of the intrinsic Delaunay triangulation (Sharp and Crane 2020),
-    so that no weight is negative. Vertices without triangles weigh nothing and take the values of
-    the nearest vertex that has some. Raises CaseError where the mesh has too few vertices, no
-    area, or too many pieces for a spectrum.
+    The Laplacian has the cotangent weights of the intrinsic Delaunay triangulation, so that no
+    weight is negative. Vertices without triangles have no mass and take the values of the nearest
+    vertex that has some.
+
+    Args:
+        mesh: A surface in mm.
+        settings: The settings, or the number of eigenpairs K. None: a study's default.
+
+    Returns:
+        K eigenpairs, the mass, the Laplacian and the gradient operators, at unit area; `frame` maps
+        unit area to millimetres.
+
+    Raises:
+        TypeError: For arguments of other types.
+        CaseError: For a mesh with too few vertices, without area, or with too many pieces.
+
+    Source: Sharp and Crane 2020, "A Laplacian for nonmanifold triangle meshes".
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(3, radius=40)
@@ -34,6 +46,10 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings | None = None) -> Spec
     >>> round(float(basis.eigenvalues[1] / (8 * np.pi)), 1)  # l (l + 1) / r², at unit area
     1.0
     """
+    require_type(mesh, Mesh, "mesh", "Read a file with read_mesh.")
+    require_type(settings, (SpectralSettings, int, type(None)), "settings")
+    if isinstance(settings, int):
+        settings = SpectralSettings(eigenpairs=settings)
     count = (settings or SpectralSettings()).eigenpairs
     used = np.unique(mesh.faces)
     if len(used) < 2 * count:

@@ -43,7 +43,7 @@ def what_meshes_rest_on(settings: StudySettings) -> Any:
 
 def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
     """mesh.npz, labels.npz of several parts; the row: quality, what to know of the case."""
-    from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+    from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
     from ssm_pipeline.meshing.surface_labels import surface_labels
     from ssm_pipeline.meshing.surface_to_mesh import mesh_from_surface
 
@@ -51,7 +51,7 @@ def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
     if isinstance(given, Surface):
         mesh, quality = mesh_from_surface(given, settings)
     else:
-        mesh, quality = mesh_from_mask(given, settings)
+        mesh, quality = mesh_with_quality(given, settings)
         if given.labels is not None:
             storage.save(surface_labels(mesh, given), folder / "labels.npz")
     storage.save(mesh, folder / "mesh.npz")

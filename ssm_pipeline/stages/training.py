@@ -21,7 +21,6 @@ def train_matcher(context: Context) -> Outcome:
     """
     if context.settings.matching == "none":
         return _rank_templates(context)
-    from ssm_pipeline.training.matcher import save_matcher
     from ssm_pipeline.training.template_choice import choose_template
 
     settings, folder = context.settings.training, context.folder()
@@ -31,7 +30,7 @@ def train_matcher(context: Context) -> Outcome:
     )
     matcher, history = train_resumably(bases, job)
     _, template_losses = choose_template(matcher, bases)
-    save_matcher(matcher, folder / "matcher.pt")
+    matcher.save(folder / "matcher.pt")
     rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
     if rows:
         context.write_table("losses", rows)

@@ -93,8 +93,8 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
             f"the study is on the segments {', '.join(own)}, and {path.name} names none: which of "
             "its labels is the organ? Pass --label, as --label 3."
         )
-    from ssm_pipeline.data_prep.formats.images import read_mask
+    from ssm_pipeline.data_prep.formats.images import read_organ
 
     organ = masks.organ if masks else "organ"
     chosen = how.labels or labels_of(data)
-    return read_mask(path, chosen, image_stem(path), organ, threshold=threshold)
+    return read_organ(path, chosen, image_stem(path), organ, threshold=threshold)

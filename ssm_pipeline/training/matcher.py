@@ -1,12 +1,9 @@
-"""The trained networks and what made them."""
+"""The trained networks, the inputs they read, and what they were trained on."""
 
 from __future__ import annotations
 
-import io
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -14,35 +11,52 @@ from ssm_pipeline.matching.hard_map import nearest_features, projected
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.matching.shape import Shape, to_shape
 from ssm_pipeline.matching.soft_map import soft_maps
-from ssm_pipeline.records import DamagedFile, SpectralBasis, StudyError
-from ssm_pipeline.storage import write_bytes
+from ssm_pipeline.records import DamagedFile, SpectralBasis, StudyError, require_type
+from ssm_pipeline.training.input_probe import probe_inputs, refuse_other_inputs
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.packed_weights import pack, unpack
 from ssm_pipeline.training.settings import TrainingSettings
+from ssm_pipeline.training.tensor_files import load_tensors, save_tensors
 
 
 @dataclass(frozen=True)
 class Matcher:
-    """The trained networks.
+    """The trained networks. `train` makes one; `save` and `load_matcher` keep it in a file.
 
-    trained_on  the cases they have seen. eigenpairs: of the shapes trained on, which the network's
-    inputs rest on; 0 where that is not known.
+    Attributes:
+        networks: The feature network and the interpolator.
+        settings: The settings of the training. They decide what the networks read.
+        seed: The seed of the first weights and of the order of the pairs.
+        trained_on: The case ids that the networks have seen, those of the starting weights first.
+        eigenpairs: The number of eigenpairs of the shapes trained on. The network's inputs depend
+            on it.
     """
 
     networks: Networks
     settings: TrainingSettings
     seed: int
     trained_on: tuple[str, ...]
-    eigenpairs: int = 0
+    eigenpairs: int
 
     @property
     def device(self) -> torch.device:
+        """The device that holds the weights."""
         return next(self.networks.parameters()).device
 
     def shape(self, basis: SpectralBasis) -> Shape:
-        """Raises StudyError for a basis of more or fewer eigenpairs than were trained with."""
+        """Put a spectral basis on the matcher's device, with the network's inputs.
+
+        Args:
+            basis: A basis with as many eigenpairs as were trained with.
+
+        Returns:
+            The shape as the networks read it.
+
+        Raises:
+            StudyError: For a basis with more or fewer eigenpairs.
+        """
         found = len(basis.eigenvalues)
-        if self.eigenpairs not in (0, found):
+        if found != self.eigenpairs:
             raise StudyError(
                 f"{basis.case_id} has {found} eigenpairs; the matcher was trained with "
                 f"{self.eigenpairs}. Set spectral.eigenpairs={self.eigenpairs}."
@@ -51,11 +65,27 @@ class Matcher:
 
     @torch.no_grad()
     def features(self, shape: Shape) -> torch.Tensor:
-        """(V, channels), any length."""
+        """The features of a shape's vertices.
+
+        Args:
+            shape: A shape of `Matcher.shape`.
+
+        Returns:
+            `(V, channels)`, of any length.
+        """
         return self.networks.features(shape)
 
     def hard_map(self, shape_x: Shape, shape_y: Shape, projects: bool = True) -> torch.Tensor:
-        """x_to_y (n_x,): nearest features, projected on the eigenbasis if wanted."""
+        """The vertex of Y that corresponds to each vertex of X, by the nearest features.
+
+        Args:
+            shape_x: The shape X.
+            shape_y: The shape Y.
+            projects: Whether the map is projected on the eigenbasis.
+
+        Returns:
+            x_to_y, `(n_x,)` int.
+        """
         x_to_y = nearest_features(self.features(shape_x), self.features(shape_y))
         return projected(x_to_y, shape_x, shape_y) if projects else x_to_y
 
@@ -63,9 +93,15 @@ class Matcher:
     def carried(
         self, shape_x: Shape, shape_y: Shape, kind: InferenceMap | None = None
     ) -> torch.Tensor:
-        """Y's coordinates carried to X by the inference map: (n_x, 3), unit area.
+        """Map Y's coordinates to X by the inference map.
 
-        kind  instead of `settings.matching.inference_map`.
+        Args:
+            shape_x: The shape X.
+            shape_y: The shape Y.
+            kind: The map. None: `settings.matching.inference_map`.
+
+        Returns:
+            `(n_x, 3)`, unit area.
         """
         kind = kind or self.settings.matching.inference_map
         if kind != "soft":
@@ -83,64 +119,86 @@ class Matcher:
 
     @torch.no_grad()
     def poses(self, shape: Shape, target: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
-        """X(t) (T, V, 3), unit area, for a shape and the other's coordinates carried onto it."""
+        """The poses X(t) between a shape and the mapped coordinates of another.
+
+        Args:
+            shape: The shape X.
+            target: `(V, 3)`, the other shape's coordinates mapped to X, unit area.
+            times: `(T,)`, in [0, 1].
+
+        Returns:
+            `(T, V, 3)`, unit area.
+        """
         return self.networks.interpolator(
             shape.vertices, target, times.to(target), shape.neighbours
         )
 
+    def save(self, path: str | Path, packed: bool = False) -> None:
+        """Write the matcher to a file, which `load_matcher` reads.
 
-def save_matcher(matcher: Matcher, path: Path, packed: bool = False) -> None:
-    """packed: the weights in eight bits (`packed_weights`), for a file a quarter as large."""
-    networks = matcher.networks.state()
-    if packed:
-        networks = {name: pack(state) for name, state in networks.items()}
-    content = {
-        "format_version": 2,
-        "networks": networks,
-        "eigenpairs": matcher.eigenpairs,
-        "settings": matcher.settings.model_dump_json(),
-        "seed": matcher.seed,
-        "trained_on": list(matcher.trained_on),
-    }
-    save_tensors(content, path)
+        The file holds the weights, the settings, the case ids, and the inputs that the networks
+        read from a small known shape. It contains no pickled code.
+
+        Args:
+            path: The file, such as `liver.pt`.
+            packed: Whether the weights are stored in eight bits. The file is then a quarter as
+                large, and the features change slightly.
+        """
+        require_type(path, (str, Path), "path")
+        networks = self.networks.state()
+        if packed:
+            networks = {name: pack(state) for name, state in networks.items()}
+        content = {
+            "format_version": FORMAT_VERSION,
+            "networks": networks,
+            "eigenpairs": self.eigenpairs,
+            "settings": self.settings.model_dump_json(),
+            "seed": self.seed,
+            "trained_on": list(self.trained_on),
+            "probe": probe_inputs(self.settings.matching),
+        }
+        save_tensors(content, Path(path))
 
 
-def load_matcher(path: Path, device: str = "cpu") -> Matcher:
-    """Raises DamagedFile for a file that holds no whole matcher."""
+FORMAT_VERSION = 3
+
+
+def load_matcher(path: str | Path, device: str = "cpu") -> Matcher:
+    """Read a matcher that `Matcher.save` or a run wrote.
+
+    Args:
+        path: The file, such as `runs/luna16/training/matcher.pt`.
+        device: Where the weights are put: "cpu" or "cuda".
+
+    Returns:
+        The matcher, ready to match.
+
+    Raises:
+        DamagedFile: For a file that is missing, damaged, or does not hold a complete matcher.
+        StudyError: For a matcher that was trained on other inputs than this version computes.
+
+    >>> import trimesh
+    >>> from ssm_pipeline import Mesh, train
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> meshes = [Mesh(ball.vertices * [30, 40, z], ball.faces, f"case_{z}") for z in (45, 55)]
+    >>> matcher = train(meshes, steps=1, device="cpu")
+    >>> matcher.save("liver.pt")
+    >>> load_matcher("liver.pt").trained_on
+    ('case_45', 'case_55')
+    """
+    require_type(path, (str, Path), "path")
+    path = Path(path)
     content = load_tensors(path, device)
     try:
+        if content["format_version"] != FORMAT_VERSION:
+            raise ValueError(f"its format is {content['format_version']}, not {FORMAT_VERSION}")
         settings = TrainingSettings.model_validate_json(content["settings"])
         seed, trained_on = int(content["seed"]), tuple(content["trained_on"])
-        eigenpairs = int(content.get("eigenpairs", 0))
+        eigenpairs, probe = int(content["eigenpairs"]), content["probe"].cpu()
         networks = Networks.new(settings, seed, device)
         networks.load({name: unpack(state) for name, state in content["networks"].items()})
     except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
         what = f"holds no matcher of this version ({str(error).splitlines()[0]})"
         raise DamagedFile(path, what) from error
+    refuse_other_inputs(path, probe, settings.matching)
     return Matcher(networks.eval(), settings, seed, trained_on, eigenpairs)
-
-
-def save_tensors(content: dict[str, Any], path: Path) -> None:
-    """Whole or not at all; only tensors and plain values, so that it loads without pickle code."""
-    buffer = io.BytesIO()  # torch's own writer hides why a disk refuses
-    torch.save(content, buffer)
-    write_bytes(path, buffer.getbuffer())
-
-
-def load_tensors(path: Path, device: str = "cpu") -> dict[str, Any]:
-    """What `save_tensors` wrote; no pickle code is run. Raises DamagedFile."""
-    try:
-        with zipfile.ZipFile(path) as file:  # torch itself does not look at the checksums
-            if (name := file.testzip()) is not None:
-                raise DamagedFile(path, f"is damaged ({name} is not what was written)")
-        content = torch.load(path, map_location=device, weights_only=True)
-    except FileNotFoundError as error:
-        raise DamagedFile(path, "is missing") from error
-    except (DamagedFile, PermissionError):
-        raise
-    except Exception as error:  # damaged bytes can break the decoders anywhere
-        what = f"is damaged or no file of tensors ({type(error).__name__})"
-        raise DamagedFile(path, what) from error
-    if not isinstance(content, dict):
-        raise DamagedFile(path, f"holds a {type(content).__name__}, no matcher or checkpoint")
-    return content

@@ -23,7 +23,7 @@ def starting_weights(
         return None
     matcher = _loaded(path, settings, device)
     eigenpairs = len(bases[0].eigenvalues)
-    if matcher.eigenpairs not in (0, eigenpairs):
+    if matcher.eigenpairs != eigenpairs:
         raise StudyError(
             f"training.start: {settings.start} was trained with {matcher.eigenpairs} eigenpairs, "
             f"these shapes have {eigenpairs}, which changes every network input. Set "

@@ -37,32 +37,49 @@ def train_networks(
 ) -> Matcher:
     """Train on all unordered pairs, `pairs_per_step` per step, in an order that the seed decides.
 
-    start     continues from it, to the same bits as a run that was never stopped.
-    families  of each shape: pairs are of one family. None: all are of one.
-    on_step   is given the losses, means over the step's pairs; every `watch_every` steps also
-              map_extent, map_sharpness, mean_cosine and share_hit of the first (`MapHealth`).
-    In a team (`training.team`) every process does a share of each step's pairs; that of the leader
-    calls this, and the followers are in `follow`.
-    Raises StudyError for fewer than two shapes of a family, where the loss is not finite, or where
-    the weights that `settings.start` names don't fit.
+    In a team (`training.team`) every process computes a share of each step's pairs. The leader
+    calls this function, and the followers are in `follow`.
+
+    Args:
+        bases: The shapes, all with the same number of eigenpairs.
+        settings: Networks, losses and schedule.
+        seed: Decides the first weights and the order of the pairs.
+        device: Where to train: "cpu" or "cuda".
+        start: Training continues from it, to the same bits as a training that was never stopped.
+        families: The family of each shape. A pair consists of two shapes of one family. None: all
+            shapes are of one family.
+        on_checkpoint: Receives a checkpoint every `checkpoint_every` steps.
+        on_step: Receives the number of steps done and the losses, means over the step's pairs;
+            every `watch_every` steps also map_extent, map_sharpness, mean_cosine and share_hit of
+            the first pair (`MapHealth`).
+
+    Returns:
+        The trained matcher.
+
+    Raises:
+        StudyError: For fewer than two shapes of a family, for shapes with different numbers of
+            eigenpairs, for a loss that is not finite, and for starting weights that do not fit.
     """
     team = Team.here()
     team.refuse_idle(settings.pairs_per_step)
     pairs = Pairs(families or [""] * len(bases), seed)
     if not len(pairs):
         raise StudyError(f"training needs at least 2 shapes; {len(bases)} found")
+    refuse_unlike_eigenpairs(bases)
     team.call({"bases": bases, "settings": settings, "seed": seed, "start": start,
                "families": families, "device": torch.device(device).type})  # fmt: skip
     shapes = [to_shape(basis, settings.matching, device) for basis in bases]
     networks = Networks.new(settings, seed, device)
     optimiser = torch.optim.Adam(networks.parameters(), lr=settings.learning_rate)
     history: list[dict[str, float]] = []
+    seen_before: tuple[str, ...] = ()
     if start is not None:
         networks.load(start.networks)
         optimiser.load_state_dict(start.optimiser)
-        history = list(start.history)
+        history, seen_before = list(start.history), tuple(start.seen_before)
     elif (weights := starting_weights(settings, bases, device)) is not None:
         networks.load(weights.networks.state())
+        seen_before = weights.trained_on
 
     while (place := next_place(history, settings)) < settings.steps:
         step = len(history)
@@ -90,11 +107,22 @@ def train_networks(
         history.append(losses)
         on_step(step + 1, losses)
         if (step + 1) % settings.checkpoint_every == 0:
-            on_checkpoint(
-                TrainingCheckpoint(step + 1, networks.state(), optimiser.state_dict(), history)
+            state = networks.state(), optimiser.state_dict(), history, seen_before
+            on_checkpoint(TrainingCheckpoint(step + 1, *state))
+    seen = dict.fromkeys([*seen_before, *(basis.case_id for basis in bases)])
+    return Matcher(networks.eval(), settings, seed, tuple(seen), len(bases[0].eigenvalues))
+
+
+def refuse_unlike_eigenpairs(bases: Sequence[SpectralBasis]) -> None:
+    """Raise StudyError for shapes with different numbers of eigenpairs: the inputs depend on it."""
+    counts = {basis.case_id: len(basis.eigenvalues) for basis in bases}
+    first, count = next(iter(counts.items()))
+    for case_id, other in counts.items():
+        if other != count:
+            raise StudyError(
+                f"{first} has {count} eigenpairs and {case_id} has {other}; shapes trained on "
+                "together need the same number. Compute the bases with one SpectralSettings."
             )
-    seen = tuple(basis.case_id for basis in bases)
-    return Matcher(networks.eval(), settings, seed, seen, len(bases[0].eigenvalues))
 
 
 @dataclass(frozen=True, eq=False)

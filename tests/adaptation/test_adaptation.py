@@ -4,7 +4,7 @@ from scipy.spatial import cKDTree
 from shapes import basis_of, blob
 
 from ssm_pipeline.adaptation.adapt import adapt
-from ssm_pipeline.adaptation.correspond import correspond
+from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
 from ssm_pipeline.adaptation.objective import AdaptationObjective, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
@@ -105,7 +105,7 @@ def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_ver
         "case",
     )
     template, case = basis_of(template_mesh), basis_of(turned)
-    match = correspond(template, case, None, AdaptationSettings(), "nearest point")
+    match = correspond_bases(template, case, None, AdaptationSettings(), "nearest point")
     # The case is the template moved and renumbered: each vertex must find itself.
     # Within the noise of aligning two samples of 4000 points of a 100 mm solid.
     np.testing.assert_allclose(match.points_on(turned), template_mesh.vertices + 3.0, atol=1.0)
@@ -117,4 +117,4 @@ def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_ver
 
 def test_a_network_method_needs_a_network(pair) -> None:
     with pytest.raises(ValueError, match="'full' needs a trained matcher"):
-        correspond(*pair, None, AdaptationSettings())
+        correspond_bases(*pair, None, AdaptationSettings())

@@ -13,10 +13,10 @@ from ssm_pipeline.training.settings import TrainingSettings
 @pytest.fixture(scope="module")
 def matcher():
     settings = TrainingSettings(
-        matching=MatchingSettings(descriptors=16, channels=16, width=16, blocks=1),
+        matching=MatchingSettings(features="wks", descriptors=16, channels=16, width=16, blocks=1),
         interpolation=InterpolationSettings(width=16, blocks=1),
     )
-    return Matcher(Networks.new(settings, 0), settings, 0, ())
+    return Matcher(Networks.new(settings, 0), settings, 0, (), 20)
 
 
 def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher) -> None:

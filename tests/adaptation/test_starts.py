@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes import basis_of, blob
 
-from ssm_pipeline.adaptation.correspond import correspond
+from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.distortion import distortion
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
@@ -22,7 +22,7 @@ def bases():
 
 @pytest.fixture(scope="module")
 def untrained(bases):
-    small = MatchingSettings(descriptors=16, channels=8, width=16, blocks=2)
+    small = MatchingSettings(features="wks", descriptors=16, channels=8, width=16, blocks=2)
     return train_networks(bases, TrainingSettings(steps=1, matching=small), seed=0)
 
 
@@ -55,7 +55,7 @@ def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
     monkeypatch.setattr(pose, "carried_case", lambda *_: across)
     monkeypatch.setattr(pose, "pose_path", lambda *_: across[None])
     full, rigid, network = (
-        correspond(template, case, untrained, SETTINGS, method)
+        correspond_bases(template, case, untrained, SETTINGS, method)
         for method in ("full", "adaptation only", "network start")
     )
     assert (full.start, rigid.start, network.start) == ("rigid", "rigid", "network")
@@ -75,12 +75,12 @@ def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(
     better = module.rigidly_aligned(template, case, 0)
     monkeypatch.setattr(pose, "carried_case", lambda *_: better @ tilt)
     monkeypatch.setattr(pose, "pose_path", lambda *_: better[None])
-    assert correspond(template, case, untrained, SETTINGS).start == "turned"
+    assert correspond_bases(template, case, untrained, SETTINGS).start == "turned"
     costs = iter([1.0, 0.8, 0.9])
     monkeypatch.setattr(module, "distortion", lambda *_: 1e6 * next(costs))
-    assert correspond(template, case, untrained, SETTINGS).start == "turned"
+    assert correspond_bases(template, case, untrained, SETTINGS).start == "turned"
     costs = iter([1.0, 0.7, 0.6])
-    assert correspond(template, case, untrained, SETTINGS).start == "network"
+    assert correspond_bases(template, case, untrained, SETTINGS).start == "network"
 
 
 def test_the_network_wins_where_the_rigid_start_cannot_reach(
@@ -95,14 +95,14 @@ def test_the_network_wins_where_the_rigid_start_cannot_reach(
     case = basis_of(upside_down)
     monkeypatch.setattr(module, "rigidly_aligned", lambda template, case, seed: template.vertices)
     monkeypatch.setattr(pose, "pose_path", lambda *_: case.vertices[None])
-    match = correspond(template, case, untrained, SETTINGS)
+    match = correspond_bases(template, case, untrained, SETTINGS)
     assert match.start in ("network", "turned")  # the map of equal shapes turns it rightly, too
     assert (match.nearest_vertex == np.arange(len(case.vertices))).mean() > 0.95
 
 
 def test_the_papers_start_alone_is_a_setting(bases, untrained) -> None:
     paper = SETTINGS.model_copy(update={"starts": "network"})
-    full = correspond(bases[0], bases[1], untrained, paper)
-    network = correspond(bases[0], bases[1], untrained, SETTINGS, "network start")
+    full = correspond_bases(bases[0], bases[1], untrained, paper)
+    network = correspond_bases(bases[0], bases[1], untrained, SETTINGS, "network start")
     np.testing.assert_array_equal(full.fitted, network.fitted)
     assert full.start == "network"

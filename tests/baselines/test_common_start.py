@@ -19,7 +19,7 @@ def test_a_moved_and_enlarged_copy_is_found() -> None:
     template = blob(1, faces=600)
     frame = Similarity(1.4, TURN, np.array([80.0, -300.0, 12.0]))
     other = blob(1, faces=500)  # the same solid, triangulated its own way
-    found = rigid_start(template, Mesh(frame.apply(other.vertices), other.faces, "case"))
+    found = rigid_start(template, Mesh(frame.apply(other.vertices), other.faces, "case"), 0)
     truth, only_moved = frame.apply(template.vertices), 1.4 * template.vertices
     off = np.linalg.norm(found.apply(template.vertices) - truth, axis=1).mean()
     # ICP creeps on a solid as round as this: what counts is that most of the turn is gone.
@@ -32,9 +32,9 @@ def test_aligned_meshes_lie_on_the_template_in_their_own_size() -> None:
     template = blob(1, faces=600)
     frame = Similarity(1.4, TURN, np.array([80.0, -300.0, 12.0]))
     case = Mesh(frame.apply(template.vertices), template.faces, "case")
-    (aligned,), (back,) = meshes_at_common_start(template, [case])
+    (aligned,), (back,) = meshes_at_common_start(template, [case], 0)
     assert back.scale == 1
-    start = rigid_start(template, case)
+    start = rigid_start(template, case, 0)
     middle = centroid(template.vertices, template.faces)
     # As the start lays them on each other, but for the size, about the middle.
     expected = middle + 1.4 * (start.inverse().apply(case.vertices) - middle)

@@ -14,7 +14,7 @@ from shapes import basis_of, blob
 from tiny_study import NAME, tiny_settings
 
 from ssm_pipeline import load_run, methods
-from ssm_pipeline.adaptation.correspond import correspond
+from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.comparison import producers
@@ -64,9 +64,9 @@ def test_an_entry_alone_is_matched_by_its_fields(monkeypatch: pytest.MonkeyPatch
     new = Method("centred", "the template as it lies", "pair", start="as scanned")
     case, template = basis_of(blob(1, faces=200)), basis_of(blob(2, faces=200))
     with pytest.raises(StudyError, match="there is no method 'centred'"):
-        correspond(template, case, None, AdaptationSettings(), "centred")
+        correspond_bases(template, case, None, AdaptationSettings(), "centred")
     monkeypatch.setattr(methods, "METHODS", (*METHODS, new))
-    match = correspond(template, case, None, AdaptationSettings(), "centred")
+    match = correspond_bases(template, case, None, AdaptationSettings(), "centred")
     np.testing.assert_array_equal(match.fitted, case.frame.apply(template.vertices))
 
 

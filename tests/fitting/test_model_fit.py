@@ -5,7 +5,7 @@ import pytest
 from cohorts import TURN, bumpy_cohort, finer
 
 from ssm_pipeline.fitting.matched_fit import fit_points
-from ssm_pipeline.fitting.model_fit import fit
+from ssm_pipeline.fitting.model_fit import fit_model
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CaseError, Mesh
@@ -22,7 +22,7 @@ def model():
 
 def test_an_instance_is_found_again_wherever_it_lies(model) -> None:
     points = TURN.apply(model.reconstruct(TRUTH))
-    found = fit(model, finer(Mesh(points, model.faces, "new")))
+    found = fit_model(model, finer(Mesh(points, model.faces, "new")))
     assert found.distances_mm.mean() < 0.05
     assert found.observed.all()
     # Three modes of 12 cases hold all there is; the others' standard deviations are below 0.1 mm.
@@ -36,8 +36,8 @@ def test_an_instance_is_found_again_wherever_it_lies(model) -> None:
 def test_size_is_found_where_the_pose_has_one(model) -> None:
     pose = Similarity(1.2, TURN.rotation, TURN.translation)
     surface = Mesh(pose.apply(model.reconstruct(TRUTH)), model.faces, "large")
-    assert fit(model, surface, with_scale=True).frame.scale == pytest.approx(1.2, rel=0.01)
-    assert fit(model, surface).frame.scale == 1.0
+    assert fit_model(model, surface, with_scale=True).frame.scale == pytest.approx(1.2, rel=0.01)
+    assert fit_model(model, surface).frame.scale == 1.0
 
 
 def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model) -> None:
@@ -50,7 +50,7 @@ def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model) 
         points = model.reconstruct(scores)
         wave = np.sin(points @ (0.08 * generator.standard_normal(3)) + 6 * generator.random())
         rough = points + 1.5 * wave[:, None] * points / np.linalg.norm(points, axis=1)[:, None]
-        found = fit(model.truncate(3), Mesh(rough, model.faces, "rough"), points=400)
+        found = fit_model(model.truncate(3), Mesh(rough, model.faces, "rough"), points=400)
         z.append((found.scores - scores) / found.score_sd)
     # The median of |z| is 0.67 for a normal distribution, known to 20 % from 24 numbers; a wave is
     # no white noise, and a long one looks like a mode: hence a factor, and the median.
@@ -62,11 +62,11 @@ def test_what_was_cut_off_is_not_held_against_the_model(model) -> None:
     height = whole.vertices[:, 2]
     top = height > height.max() - np.ptp(height) / 3
     part = without_faces(whole, top[whole.faces].any(axis=1))
-    found = fit(model, part, start=TURN)
+    found = fit_model(model, part, start=TURN)
     assert 0.15 < 1 - found.observed.mean() < 0.45
     np.testing.assert_allclose(found.scores[:3], TRUTH, atol=0.3)
     # The same surface closed by a flat lid is taken for an organ that ends there.
-    assert found.score_sd[0] > fit(model, whole, start=TURN).score_sd[0]
+    assert found.score_sd[0] > fit_model(model, whole, start=TURN).score_sd[0]
     error = np.linalg.norm(found.vertices - TURN.apply(model.reconstruct(TRUTH)), axis=1)
     assert error[~found.observed].mean() < 1.0
 
@@ -93,4 +93,4 @@ def test_a_surface_that_looks_inward_is_refused_by_name() -> None:
     model = pca_model(align(shapes)[0])
     inward = Mesh(model.mean, model.faces[:, ::-1], "rev")
     with pytest.raises(CaseError, match=r"case rev: no point of the model faces the surface"):
-        fit(model, inward)
+        fit_model(model, inward)

@@ -21,9 +21,10 @@ from ssm_pipeline.fitting.cross_validation import (
     score_inflation,
 )
 from ssm_pipeline.fitting.partial import without_faces
-from ssm_pipeline.fitting.patient import Yardstick, fit_patient
+from ssm_pipeline.fitting.patient import fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
 from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
+from ssm_pipeline.fitting.yardstick import Yardstick
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
 from ssm_pipeline.shape_model.alignment import align

@@ -16,7 +16,7 @@ from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseError, Mask, Mesh
 from ssm_pipeline.shape_model.alignment import align
@@ -75,7 +75,7 @@ def ball_in_a_short_image(slices: int) -> Mask:
 @pytest.mark.parametrize(("slices", "holes"), [(48, 0), (30, 1)])
 def test_the_cap_where_the_image_ends_is_taken_off(slices, holes) -> None:
     mask = ball_in_a_short_image(slices)
-    mesh, _ = mesh_from_mask(mask, MeshingSettings(faces=1500))
+    mesh, _ = mesh_with_quality(mask, MeshingSettings(faces=1500))
     opened = opened_at_image_border(mesh, mask, margin_mm=4.0)
     assert bool(len(boundary_edges(opened.faces))) == bool(holes)
     if holes:
@@ -91,7 +91,7 @@ def test_a_turned_images_cap_is_taken_off_too() -> None:
     mask = ball_in_a_short_image(30)
     turn = Rotation.from_euler("xyz", [30, 10, -50], degrees=True).as_matrix()
     turned = Mask(mask.voxels, mask.spacing_mm, mask.origin_mm, turn, "ball")
-    mesh, _ = mesh_from_mask(mask, MeshingSettings(faces=1500))
+    mesh, _ = mesh_with_quality(mask, MeshingSettings(faces=1500))
     moved = Mesh((mesh.vertices - mask.origin_mm) @ turn.T + mask.origin_mm, mesh.faces, "ball")
     straight, skew = (
         opened_at_image_border(mesh, mask, 4.0),

@@ -10,7 +10,9 @@ from ssm_pipeline.matching.shape import to_shape
 
 def shape_of(seed: int = 1):
     return to_shape(
-        basis_of(blob(seed, faces=200), 10), MatchingSettings(descriptors=8), dtype=torch.float64
+        basis_of(blob(seed, faces=200), 10),
+        MatchingSettings(features="wks", descriptors=8),
+        dtype=torch.float64,
     )
 
 

@@ -12,7 +12,7 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 from ssm_pipeline.records import Mesh
 
-MATCHING = MatchingSettings(descriptors=8)
+MATCHING = MatchingSettings(features="wks", descriptors=8)
 
 
 class Wave(torch.nn.Module):

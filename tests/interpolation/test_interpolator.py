@@ -9,7 +9,9 @@ from ssm_pipeline.matching.shape import to_shape
 
 def shape_of(seed: int):
     return to_shape(
-        basis_of(blob(seed, faces=300), 10), MatchingSettings(descriptors=8), dtype=torch.float64
+        basis_of(blob(seed, faces=300), 10),
+        MatchingSettings(features="wks", descriptors=8),
+        dtype=torch.float64,
     )
 
 

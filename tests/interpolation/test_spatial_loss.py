@@ -12,7 +12,7 @@ from ssm_pipeline.matching.pair import match_pair
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 
-SETTINGS = MatchingSettings(descriptors=8)
+SETTINGS = MatchingSettings(features="wks", descriptors=8)
 OURS = SpatialLossSettings(align=2, arap=11, symmetry=3, variance=5, dirichlet=7)
 AUTHORS = OURS.model_copy(
     update={"arap_both_ways": True, "symmetry_mean": True, "arap_edges": "uniform"}

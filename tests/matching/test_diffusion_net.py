@@ -11,7 +11,7 @@ from ssm_pipeline.matching.shape import to_shape
 from ssm_pipeline.matching.spectral_loss import spectral_loss
 from ssm_pipeline.records import Mesh
 
-SETTINGS = MatchingSettings(descriptors=16, channels=24, width=12, blocks=2)
+SETTINGS = MatchingSettings(features="wks", descriptors=16, channels=24, width=12, blocks=2)
 
 
 def network(settings=SETTINGS):

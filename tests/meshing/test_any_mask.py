@@ -18,7 +18,7 @@ from ssm_pipeline.data_prep.formats.label_images import LabelImage
 from ssm_pipeline.data_prep.formats.organ_masks import select_labels
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import euler_number, face_components, is_oriented_manifold
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.organ import keep_organ
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.meshing.surface_labels import surface_labels
@@ -59,7 +59,7 @@ def few(voxel_mm: float) -> MeshingSettings:
 def test_any_small_mask_gives_a_closed_mesh_or_a_reason(data, sides, spacing) -> None:
     voxels = data.draw(arrays(bool, sides))
     mask = Mask(voxels, np.array(spacing), np.array([5.0, -3, 100]), np.eye(3), "any")
-    mesh = made(lambda: mesh_from_mask(mask, FEW)[0])
+    mesh = made(lambda: mesh_with_quality(mask, FEW)[0])
     if mesh is None:
         return
     is_sound(mesh)
@@ -83,9 +83,9 @@ def test_the_mesh_goes_where_the_header_goes(shift, turn, larger) -> None:
         origin_mm=larger * rotation @ BEAN.origin_mm + shift,
         direction=rotation @ BEAN.direction,
     )
-    still = mesh_from_mask(BEAN, few(voxel_mm=1.0))[0]
+    still = mesh_with_quality(BEAN, few(voxel_mm=1.0))[0]
     expected = Mesh(larger * still.vertices @ rotation.T + shift, still.faces, "test")
-    found = mesh_from_mask(moved, few(voxel_mm=larger))[0]
+    found = mesh_with_quality(moved, few(voxel_mm=larger))[0]
     np.testing.assert_array_equal(found.faces, expected.faces)
     np.testing.assert_allclose(found.vertices, expected.vertices, atol=1e-6)  # found: 1e-9
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import centroid, face_normals, volume
 from ssm_pipeline.geometry.topology import is_oriented_manifold
-from ssm_pipeline.meshing.mask_to_mesh import grid_sizes, mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import grid_sizes, mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseError, Mask
 
@@ -17,7 +17,7 @@ COARSE = MeshingSettings(faces=2000)
 
 def test_ball() -> None:
     radius = 20.0
-    mesh, quality = mesh_from_mask(mask_of(ball(radius), 25), COARSE)
+    mesh, quality = mesh_with_quality(mask_of(ball(radius), 25), COARSE)
     assert quality.faces == len(mesh.faces) <= 2000
     assert (quality.euler_number, quality.boundary_loops, quality.handles_cut) == (2, 0, 0)
     assert is_oriented_manifold(mesh.faces)
@@ -33,7 +33,7 @@ def test_ball() -> None:
 
 def test_thick_slices_leave_no_stairs() -> None:
     radius = 20.0
-    mesh, _ = mesh_from_mask(mask_of(ball(radius), 26, (0.8, 0.8, 3.0)), COARSE)
+    mesh, _ = mesh_with_quality(mask_of(ball(radius), 26, (0.8, 0.8, 3.0)), COARSE)
     normals = face_normals(mesh.vertices, mesh.faces)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     cosine = np.einsum("fd,fd->f", normals, centres)
@@ -54,7 +54,7 @@ def test_oblique_anisotropic_ellipsoid_lands_in_the_right_millimetres(mirrored: 
         return ((points / axes) ** 2).sum(axis=-1) <= 1
 
     mask = mask_of(inside, 34, (0.7, 1.1, 2.0), direction, centre)
-    mesh, quality = mesh_from_mask(mask, COARSE)
+    mesh, quality = mesh_with_quality(mask, COARSE)
     assert volume(mesh.vertices, mesh.faces) > 0
     assert quality.volume_ml == pytest.approx(4 / 3 * np.pi * axes.prod() / 1000, rel=0.01)
     # Sampling error of a centre over ten thousand voxels is far below a tenth of one.
@@ -72,8 +72,8 @@ def test_storage_order_of_the_voxels_does_not_move_the_organ() -> None:
         mask.direction @ np.diag([-1.0, 1, 1]),
         "test",
     )
-    first, _ = mesh_from_mask(mask, COARSE)
-    second, _ = mesh_from_mask(flipped, COARSE)
+    first, _ = mesh_with_quality(mask, COARSE)
+    second, _ = mesh_with_quality(flipped, COARSE)
     distances = closest_points(first.vertices, second.vertices, second.faces).distances
     assert distances.max() < 0.25  # grids of other phase round the sharp edge differently
     assert distances.mean() < 0.05
@@ -81,7 +81,7 @@ def test_storage_order_of_the_voxels_does_not_move_the_organ() -> None:
 
 def test_the_largest_of_two_pieces_is_kept() -> None:
     both = mask_of(lambda p: ball(12)(p - [8, 0, 0]) | ball(6)(p - [-15, 0, 0]), 26)
-    mesh, quality = mesh_from_mask(both, COARSE)
+    mesh, quality = mesh_with_quality(both, COARSE)
     np.testing.assert_allclose(centroid(mesh.vertices, mesh.faces), [8, 0, 0], atol=0.1)
     large = mask_of(lambda p: ball(12)(p - [8, 0, 0]), 26)
     assert quality.mask_volume_ml == pytest.approx(both.volume_mm3 / 1000)  # before cleaning
@@ -98,7 +98,7 @@ def test_cavities_are_filled() -> None:
     hollow, full = (
         mask_of(inside, 20) for inside in (lambda p: ball(15)(p) & ~ball(6)(p), ball(15))
     )
-    _, quality = mesh_from_mask(hollow, COARSE)
+    _, quality = mesh_with_quality(hollow, COARSE)
     assert quality.mask_volume_ml == pytest.approx(hollow.volume_mm3 / 1000)
     cavity = full.volume_mm3 - hollow.volume_mm3
     assert quality.cavities_filled_ml == pytest.approx(cavity / 1000)
@@ -107,15 +107,15 @@ def test_cavities_are_filled() -> None:
 
 def test_a_torus_keeps_its_handle_or_loses_it_as_asked() -> None:
     mask = mask_of(torus(18, 6), 28)
-    _, kept = mesh_from_mask(mask, MeshingSettings(faces=2000, cut_handles=False))
+    _, kept = mesh_with_quality(mask, MeshingSettings(faces=2000, cut_handles=False))
     assert (kept.euler_number, kept.handles_cut) == (0, 0)
-    mesh, cut = mesh_from_mask(mask, COARSE)
+    mesh, cut = mesh_with_quality(mask, COARSE)
     assert (cut.euler_number, cut.handles_cut) == (2, 1)
     assert is_oriented_manifold(mesh.faces)
 
 
 def test_strong_smoothing_keeps_the_volume() -> None:
-    _, quality = mesh_from_mask(
+    _, quality = mesh_with_quality(
         mask_of(ball(10), 14), MeshingSettings(faces=1000, smoothing_mm=4.0, laplacian_steps=50)
     )
     assert quality.volume_change_percent == pytest.approx(0, abs=0.1)
@@ -123,15 +123,15 @@ def test_strong_smoothing_keeps_the_volume() -> None:
 
 def test_an_organ_on_the_image_border_is_closed() -> None:
     mask = mask_of(lambda p: p[..., 2] > -5, 12)
-    _, quality = mesh_from_mask(mask, COARSE)
+    _, quality = mesh_with_quality(mask, COARSE)
     assert (quality.euler_number, quality.boundary_loops) == (2, 0)
 
 
 def test_moving_the_image_moves_the_mesh() -> None:
     mask = mask_of(ball(10), 14)
     moved = Mask(mask.voxels, mask.spacing_mm, mask.origin_mm - [-100, 0, 50], np.eye(3), "test")
-    first, _ = mesh_from_mask(mask, COARSE)
-    second, _ = mesh_from_mask(moved, COARSE)
+    first, _ = mesh_with_quality(mask, COARSE)
+    second, _ = mesh_with_quality(moved, COARSE)
     # Reduction runs in float32 and may choose other collapses far from the origin: same surface.
     distances = closest_points(
         second.vertices - [100, 0, -50], first.vertices, first.faces
@@ -142,12 +142,12 @@ def test_moving_the_image_moves_the_mesh() -> None:
 def test_empty_mask_is_refused_by_name() -> None:
     empty = Mask(np.zeros((5, 5, 5), bool), np.ones(3), np.zeros(3), np.eye(3), "case_7")
     with pytest.raises(CaseError, match=r"case_7.*empty"):
-        mesh_from_mask(empty, COARSE)
+        mesh_with_quality(empty, COARSE)
 
 
 def test_a_grid_too_fine_for_memory_is_refused() -> None:
     with pytest.raises(CaseError, match="Raise voxel_mm"):
-        mesh_from_mask(mask_of(ball(20), 25), MeshingSettings(voxel_mm=0.01))
+        mesh_with_quality(mask_of(ball(20), 25), MeshingSettings(voxel_mm=0.01))
 
 
 def test_sizes_follow_the_organ() -> None:

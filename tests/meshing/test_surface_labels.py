@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.meshing.surface_labels import surface_labels
 from ssm_pipeline.records import CaseError, Mask
@@ -29,7 +29,7 @@ def tube(
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.8, 0.8, 2.0)])
 def test_the_border_is_between_the_voxels_of_either_side(spacing) -> None:
     mask = tube(20.0, spacing)
-    mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=3000))
+    mesh, _ = mesh_with_quality(dataclasses.replace(mask, labels=None), MeshingSettings(faces=3000))
     found = surface_labels(mesh, mask)
     np.testing.assert_array_equal(found.values, [4, 7])
     np.testing.assert_allclose(found.shares.sum(axis=1), 1, atol=1e-6)
@@ -44,7 +44,7 @@ def test_the_border_is_between_the_voxels_of_either_side(spacing) -> None:
 
 def test_a_slanted_border_keeps_its_axes() -> None:
     mask = tube(20.0, slant=0.8)
-    mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=2000))
+    mesh, _ = mesh_with_quality(dataclasses.replace(mask, labels=None), MeshingSettings(faces=2000))
     found = surface_labels(mesh, mask)
     ahead = mesh.vertices[:, 1] + 0.8 * mesh.vertices[:, 0] - 19.5
     assert (found.labels[ahead < -1] == 4).all()  # a voxel's stair
@@ -53,13 +53,13 @@ def test_a_slanted_border_keeps_its_axes() -> None:
 
 def test_a_vertex_far_from_all_voxels_has_the_nearest_ones_label() -> None:
     mask = tube(20.0)
-    mesh, _ = mesh_from_mask(dataclasses.replace(mask, labels=None), MeshingSettings(faces=1000))
+    mesh, _ = mesh_with_quality(dataclasses.replace(mask, labels=None), MeshingSettings(faces=1000))
     moved = dataclasses.replace(mesh, vertices=mesh.vertices + np.array([0, 300.0, 0]))
     assert (surface_labels(moved, mask).labels == 7).all()
 
 
 def test_a_mask_without_labels_is_refused() -> None:
     mask = dataclasses.replace(tube(20.0), labels=None)
-    mesh, _ = mesh_from_mask(mask, MeshingSettings(faces=500))
+    mesh, _ = mesh_with_quality(mask, MeshingSettings(faces=500))
     with pytest.raises(CaseError, match="no labels of parts"):
         surface_labels(mesh, mask)

@@ -12,9 +12,9 @@ from shapes import basis_of, blob
 from ssm_pipeline.interpolation.settings import InterpolationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.training.checkpoint import save_checkpoint
-from ssm_pipeline.training.matcher import save_matcher, save_tensors
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.team import team_of_torchrun
+from ssm_pipeline.training.tensor_files import save_tensors
 from ssm_pipeline.training.train import follow, train_networks
 
 SETTINGS = TrainingSettings(
@@ -23,7 +23,9 @@ SETTINGS = TrainingSettings(
     time_steps=(1, 2),
     time_step_shares=(0.5, 0.5),
     checkpoint_every=3,
-    matching=MatchingSettings(descriptors=16, channels=16, width=16, blocks=1, dropout=0.2),
+    matching=MatchingSettings(
+        features="wks", descriptors=16, channels=16, width=16, blocks=1, dropout=0.2
+    ),
     interpolation=InterpolationSettings(width=16, blocks=1),
 )
 
@@ -46,7 +48,7 @@ def main(folder: Path, *words: str) -> None:
             on_step=lambda step, losses: rows.append(losses),
         )
         save_tensors({"losses": rows}, folder / "losses.pt")
-        save_matcher(matcher, folder / "matcher.pt")
+        matcher.save(folder / "matcher.pt")
         with (folder / "wrote").open("a") as file:
             file.write(str(team.rank))
 

@@ -9,7 +9,7 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
 from ssm_pipeline.training.checkpoint import TrainingCheckpoint
-from ssm_pipeline.training.matcher import load_matcher, save_matcher
+from ssm_pipeline.training.matcher import load_matcher
 from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 from ssm_pipeline.training.start import refuse_other_networks, starting_weights
 from ssm_pipeline.training.train import train_networks
@@ -17,7 +17,7 @@ from ssm_pipeline.training.train import train_networks
 SPLEENS = Path(__file__).parents[3] / "shared" / "data" / "msd_spleen_surfaces"
 SMALL = TrainingSettings(
     steps=3,
-    matching=MatchingSettings(descriptors=16, channels=8, width=16, blocks=2),
+    matching=MatchingSettings(features="wks", descriptors=16, channels=8, width=16, blocks=2),
 )
 
 
@@ -30,7 +30,7 @@ def bases():
 def trained(bases, tmp_path_factory: pytest.TempPathFactory):
     matcher = train_networks(bases, SMALL, seed=4)
     path = tmp_path_factory.mktemp("start") / "matcher.pt"
-    save_matcher(matcher, path)
+    matcher.save(path)
     return matcher, path
 
 
@@ -72,7 +72,7 @@ def test_training_that_goes_on_does_not_read_its_start_again(
 
 def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path: Path) -> None:
     matcher, path = trained
-    save_matcher(matcher, tmp_path / "packed.pt", packed=True)
+    matcher.save(tmp_path / "packed.pt", packed=True)
     assert (tmp_path / "packed.pt").stat().st_size < 0.7 * path.stat().st_size
     shape = matcher.shape(bases[0])
     difference = load_matcher(tmp_path / "packed.pt").features(shape) - matcher.features(shape)

@@ -13,8 +13,9 @@ from shapes import basis_of, blob
 
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.training.checkpoint import load_checkpoint
-from ssm_pipeline.training.matcher import load_matcher, load_tensors
+from ssm_pipeline.training.matcher import load_matcher
 from ssm_pipeline.training.team import Team
+from ssm_pipeline.training.tensor_files import load_tensors
 from ssm_pipeline.training.train import train_networks
 
 HERE = Path(__file__).parent

@@ -4,7 +4,7 @@ import pytest
 import torch
 from shapes import basis_of, blob
 
-from ssm_pipeline.adaptation.correspond import correspond
+from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.path import shape_path
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.interpolation.settings import InterpolationSettings
@@ -13,7 +13,7 @@ from ssm_pipeline.matching.shape import to_shape
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.training.checkpoint import load_checkpoint, save_checkpoint
 from ssm_pipeline.training.loss import pair_loss
-from ssm_pipeline.training.matcher import load_matcher, save_matcher
+from ssm_pipeline.training.matcher import load_matcher
 from ssm_pipeline.training.networks import Networks
 from ssm_pipeline.training.pairs import Pairs
 from ssm_pipeline.training.settings import TrainingSettings
@@ -31,7 +31,7 @@ SETTINGS = TrainingSettings(
     time_steps=(1, 2),
     time_step_shares=(0.5, 0.5),
     checkpoint_every=3,
-    matching=MatchingSettings(descriptors=16, channels=16, width=16, blocks=1),
+    matching=MatchingSettings(features="wks", descriptors=16, channels=16, width=16, blocks=1),
     interpolation=InterpolationSettings(width=16, blocks=1),
 )
 
@@ -81,7 +81,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path: Path) 
 
 
 def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path: Path) -> None:
-    save_matcher(matcher, tmp_path / "matcher.pt")
+    matcher.save(tmp_path / "matcher.pt")
     loaded = load_matcher(tmp_path / "matcher.pt")
     assert loaded.settings == SETTINGS
     assert loaded.trained_on == ("blob1", "blob2", "blob3")
@@ -167,7 +167,7 @@ def test_path_runs_from_template_to_case_in_millimetres(bases, matcher) -> None:
     path = shape_path(template, case, matcher, settings)
     start = template.frame.apply(template.vertices)
     assert abs(path.at(0, 0) - start).max() < 1e-4
-    match = correspond(template, case, matcher, settings, "network start")
+    match = correspond_bases(template, case, matcher, settings, "network start")
     # X(1, 1) of the path is the surface that this start carries onto the case.
     assert abs(path.at(1, 1) - match.fitted).max() < 1e-3
     halfway = path.at(0.25, 0.5)

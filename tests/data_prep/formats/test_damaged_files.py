@@ -25,7 +25,7 @@ from fuzz_reader import Reader  # noqa: E402
 
 CORPUS = sorted((ROOT / "tests" / "corpus").iterdir())
 READ_BY: dict[str, Callable[[Path], object]] = {
-    ".mha": outside.read_mask,
+    ".mha": outside.read_organ,
     ".off": outside.read_surface,
     ".obj": outside.read_surface,
     ".vtp": outside.read_surface,

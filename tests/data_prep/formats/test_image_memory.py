@@ -11,7 +11,7 @@ import pytest
 import SimpleITK as sitk
 
 from ssm_pipeline.data_prep.formats.image_memory import needed_gb
-from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.formats.images import read_organ
 from ssm_pipeline.engine.memory import memory_capped
 from ssm_pipeline.records import StudyError
 
@@ -36,15 +36,15 @@ def test_a_mask_of_terabytes_is_not_read(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("DimSize = 50 50 50", "DimSize = 8000 8000 8000"))
     os.truncate(tmp_path / "giant.raw", 8000**3)  # a sparse file: it takes no room
     with pytest.raises(StudyError, match=r"case giant: giant\.mhd is large: .*4768\.4 GB, and"):
-        read_mask(path, (1,), "giant")
+        read_organ(path, (1,), "giant")
 
 
 @pytest.mark.skipif(not hasattr(psutil, "RLIMIT_DATA"), reason="the system knows no such limit")
 def test_what_a_process_may_have_is_what_counts(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nii.gz", 300)  # 0.25 GB
-    assert read_mask(path, (1,), "a").voxels.any()
+    assert read_organ(path, (1,), "a").voxels.any()
     holds_gb = psutil.Process().memory_info().data / 2**30
     with memory_capped(holds_gb + 0.1):
         with pytest.raises(StudyError, match=r"takes up to 0\.3 GB, and 0\.1 GB are free"):
-            read_mask(path, (1,), "a")
-    assert read_mask(path, (1,), "a").voxels.any()  # the limit is gone with the block
+            read_organ(path, (1,), "a")
+    assert read_organ(path, (1,), "a").voxels.any()  # the limit is gone with the block

@@ -9,7 +9,7 @@ import pytest
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
-from ssm_pipeline.data_prep.formats.images import read_mask
+from ssm_pipeline.data_prep.formats.images import read_organ
 from ssm_pipeline.records import CaseError
 
 SUFFIXES = ["mhd", "mha", "nrrd", "nii", "nii.gz"]
@@ -39,7 +39,7 @@ def test_oblique_anisotropic_image_in_every_format(tmp_path: Path, suffix: str) 
     image.SetDirection(direction.ravel().tolist())
     path = tmp_path / f"a.{suffix}"
     sitk.WriteImage(image, str(path), useCompression=suffix != "nii")
-    mask = read_mask(path, (2,), "a")
+    mask = read_organ(path, (2,), "a")
     np.testing.assert_array_equal(mask.voxels, labels == 2)
     corner = np.array([5, 10, 3])
     expected = np.array([-30.0, 12.0, 200.0]) + direction @ (corner * [0.6, 0.9, 2.5])
@@ -58,13 +58,13 @@ def test_labels_are_united(tmp_path: Path) -> None:
     labels[0, 0, 0] = 7
     path = write(tmp_path / "a.nii.gz", labels)
     np.testing.assert_array_equal(
-        read_mask(path, (1, 2), "a").voxels, (labels == 1) | (labels == 2)
+        read_organ(path, (1, 2), "a").voxels, (labels == 1) | (labels == 2)
     )
 
 
 def test_labels_stored_as_floats(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nrrd", labels_with_box(3).astype(np.float32))
-    assert read_mask(path, (3,), "a").voxels.sum() == 10 * 12 * 16
+    assert read_organ(path, (3,), "a").voxels.sum() == 10 * 12 * 16
 
 
 def test_absent_label_lists_those_found(tmp_path: Path) -> None:
@@ -72,19 +72,19 @@ def test_absent_label_lists_those_found(tmp_path: Path) -> None:
     labels[0, 0, :4] = 5
     path = write(tmp_path / "a.nrrd", labels)
     with pytest.raises(CaseError, match=r"case a: the lung \(label 4\) is absent.*found: 3, 5"):
-        read_mask(path, (4,), "a", organ="lung")
+        read_organ(path, (4,), "a", organ="lung")
 
 
 def test_one_of_several_labels_is_absent(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nrrd", labels_with_box(1))
     with pytest.raises(CaseError, match=r"the heart's label 2 is absent; labels found: 1"):
-        read_mask(path, (1, 2), "a", organ="heart")
+        read_organ(path, (1, 2), "a", organ="heart")
 
 
 def test_empty_mask(tmp_path: Path) -> None:
     path = write(tmp_path / "a.nrrd", np.zeros((9, 9, 9), np.uint8))
     with pytest.raises(CaseError, match="the mask is empty"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def test_one_voxel_organ(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_one_voxel_organ(tmp_path: Path) -> None:
     labels[4, 4, 4] = 1
     path = write(tmp_path / "a.nrrd", labels)
     with pytest.raises(CaseError, match=r"holds 1 voxel\(s\); at least 64"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def test_border_contact_is_a_warning_or_a_refusal(tmp_path: Path) -> None:
@@ -100,11 +100,11 @@ def test_border_contact_is_a_warning_or_a_refusal(tmp_path: Path) -> None:
     labels[0:5, 6:18, 4:20] = 1
     labels[5:15, 6:18, 20:] = 1
     path = write(tmp_path / "a.nii.gz", labels)
-    (warning,) = read_mask(path, (1,), "a", organ="liver").warnings
+    (warning,) = read_organ(path, (1,), "a", organ="liver").warnings
     assert "liver (label 1) touches the image border on 2 border slices" in warning
     assert "first z: 192 voxels, last x: 120 voxels" in warning
     with pytest.raises(CaseError, match=r"touches the image border on 2.*cut off"):
-        read_mask(path, (1,), "a", allow_truncated=False)
+        read_organ(path, (1,), "a", allow_truncated=False)
 
 
 @pytest.mark.parametrize("shape", [(20, 20), (2, 12, 12, 12)])
@@ -113,14 +113,14 @@ def test_not_3d(tmp_path: Path, shape: tuple[int, ...]) -> None:
     path = tmp_path / "a.nii.gz"
     sitk.WriteImage(image, str(path))
     with pytest.raises(CaseError, match="one 3D volume of labels is needed"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def test_colour_image(tmp_path: Path) -> None:
     path = tmp_path / "a.nrrd"
     sitk.WriteImage(sitk.GetImageFromArray(np.ones((9, 9, 9, 3), np.uint8), isVector=True), path)
     with pytest.raises(CaseError, match=r"3 value\(s\) per voxel"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def noise() -> np.ndarray:
@@ -134,7 +134,7 @@ def test_file_cut_short(tmp_path: Path, suffix: str, share: float) -> None:
     data = path.with_suffix(".zraw") if suffix == "mhd" else path
     data.write_bytes(data.read_bytes()[: int(share * data.stat().st_size)])
     with pytest.raises(CaseError, match="case scan_1: "):
-        read_mask(path, (1,), "scan_1")
+        read_organ(path, (1,), "scan_1")
 
 
 @pytest.mark.parametrize("suffix", ["mhd", "mha", "nrrd", "nii.gz"])
@@ -145,7 +145,7 @@ def test_damaged_byte(tmp_path: Path, suffix: str) -> None:
     content[len(content) // 2] ^= 0xFF
     data.write_bytes(content)
     with pytest.raises(CaseError, match="case scan_1: "):
-        read_mask(path, (1,), "scan_1")
+        read_organ(path, (1,), "scan_1")
 
 
 @pytest.mark.parametrize("bad", ["nan 1 1", "0 1 1", "inf 1 1", "x 1 1"])
@@ -155,7 +155,7 @@ def test_metaimage_spacing(tmp_path: Path, bad: str) -> None:
     lines = [f"ElementSpacing = {bad}" if line.startswith("ElementSp") else line for line in lines]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(CaseError, match=r"voxel spacing .* finite, non-zero"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 @pytest.mark.parametrize("bad", [float("nan"), 0.0, float("inf")])
@@ -165,28 +165,28 @@ def test_nifti_spacing(tmp_path: Path, bad: float) -> None:
     content[80:84] = struct.pack("<f", bad)
     path.write_bytes(gzip.compress(bytes(content)))
     with pytest.raises(CaseError, match=r"voxel spacing .* finite, non-zero"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def test_header_without_its_data(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mhd", labels_with_box())
     (tmp_path / "a.zraw").unlink()
     with pytest.raises(CaseError, match=r"names the data file a\.zraw, which is not beside it"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def test_a_data_file_with_a_name_that_is_not_ascii(tmp_path: Path) -> None:
     path = write(tmp_path / "Fall Nr. 4 – é.mhd", labels_with_box())
-    assert read_mask(path, (1,), "a").voxels.sum() == 10 * 12 * 16
+    assert read_organ(path, (1,), "a").voxels.sum() == 10 * 12 * 16
 
 
 def test_not_an_image_and_no_file(tmp_path: Path) -> None:
     path = tmp_path / "a.nrrd"
     path.write_text("not an image")
     with pytest.raises(CaseError, match=r"case a: a\.nrrd can't be read"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
     with pytest.raises(CaseError, match="there is no file"):
-        read_mask(tmp_path / "b.nrrd", (1,), "b")
+        read_organ(tmp_path / "b.nrrd", (1,), "b")
 
 
 def nifti_with(path: Path, fields: dict[int, bytes]) -> Path:
@@ -209,9 +209,9 @@ def nifti_with(path: Path, fields: dict[int, bytes]) -> Path:
 def test_the_sign_of_a_nifti_voxel_size_does_not_mirror(
     tmp_path: Path, codes: tuple[int, int], pixdim: tuple[float, ...]
 ) -> None:
-    good = read_mask(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
+    good = read_organ(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
     fields = {80: struct.pack("<3f", *pixdim), 252: struct.pack("<2h", *codes)}
-    bad = read_mask(nifti_with(tmp_path / "bad.nii", fields), (1,), "a")
+    bad = read_organ(nifti_with(tmp_path / "bad.nii", fields), (1,), "a")
     index = np.array([[0.0, 0, 0], [3, 4, 5]])
     np.testing.assert_allclose(bad.to_world(index), good.to_world(index), atol=1e-4)  # float32
 
@@ -221,9 +221,9 @@ def test_the_sign_of_a_nifti_voxel_size_does_not_mirror(
 def test_the_unit_of_a_nifti_counts_whichever_form_places_it(
     tmp_path: Path, unit: int, mm: float, codes: tuple[int, int]
 ) -> None:
-    good = read_mask(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
+    good = read_organ(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
     fields = {123: bytes([unit | 8]), 252: struct.pack("<2h", *codes)}  # 8: and times in seconds
-    other = read_mask(nifti_with(tmp_path / "other.nii", fields), (1,), "a")
+    other = read_organ(nifti_with(tmp_path / "other.nii", fields), (1,), "a")
     index = np.array([[0.0, 0, 0], [3, 4, 5]])
     np.testing.assert_allclose(other.to_world(index), mm * good.to_world(index), rtol=1e-4)
 
@@ -232,21 +232,21 @@ def test_skewed_axes(tmp_path: Path) -> None:
     row = struct.pack("<4f", -1.0, -0.5, 0.0, 0.0)
     path = nifti_with(tmp_path / "a.nii", {252: struct.pack("<2h", 0, 1), 280: row})
     with pytest.raises(CaseError, match=r"not at right angles \(off by [0-9]+ degrees"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 @pytest.mark.parametrize("offset", [float("nan"), float("inf"), -1e30])
 def test_nifti_offset_of_the_voxels(tmp_path: Path, offset: float) -> None:
     path = nifti_with(tmp_path / "a.nii", {108: struct.pack("<f", offset)})
     with pytest.raises(CaseError, match=r"case a: .*puts the voxels at byte"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 @pytest.mark.parametrize("dim", [(3, -5, 4, 4), (9, 4, 4, 4), (0, 4, 4, 4)])
 def test_nifti_dimensions(tmp_path: Path, dim: tuple[int, ...]) -> None:
     path = nifti_with(tmp_path / "a.nii", {40: struct.pack("<4h", *dim)})
     with pytest.raises(CaseError, match=r"case a: .*header gives dimensions"):
-        read_mask(path, (1,), "a")
+        read_organ(path, (1,), "a")
 
 
 def soft_ball(tmp_path: Path) -> Path:
@@ -259,11 +259,11 @@ def soft_ball(tmp_path: Path) -> Path:
 def test_a_probability_map_is_asked_for_its_threshold(tmp_path: Path) -> None:
     path = soft_ball(tmp_path)
     with pytest.raises(CaseError, match=r"between whole numbers .*data\.threshold, such as 0\.5"):
-        read_mask(path, (1,), "a")
-    mask = read_mask(path, (1,), "a", threshold=0.5)
+        read_organ(path, (1,), "a")
+    mask = read_organ(path, (1,), "a", threshold=0.5)
     assert mask.voxels.sum() == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.02)  # a voxelised ball
     with pytest.raises(CaseError, match="largest value is 1"):
-        read_mask(path, (1,), "a", threshold=2.0)
+        read_organ(path, (1,), "a", threshold=2.0)
 
 
 @pytest.mark.parametrize("largest", [100, 255])
@@ -276,15 +276,15 @@ def test_a_probability_map_of_whole_numbers_is_asked_for_its_threshold(
     path = write(tmp_path / "soft.nii.gz", np.rint(largest * values).astype(kind))
     for label in (1, largest):  # its rim; its certain voxels
         with pytest.raises(CaseError, match=rf" … {largest}\).*threshold, such as {largest // 2}"):
-            read_mask(path, (label,), "a")
-    mask = read_mask(path, (1,), "a", threshold=largest / 2)
+            read_organ(path, (label,), "a")
+    mask = read_organ(path, (1,), "a", threshold=largest / 2)
     assert mask.voxels.sum() == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.03)
 
 
 def test_a_scan_is_no_label_image(tmp_path: Path) -> None:
     scan = np.random.default_rng(0).normal(40, 20, (20, 20, 20)).astype(np.int16)
     with pytest.raises(CaseError, match="as in probability maps and scans"):
-        read_mask(write(tmp_path / "ct.nii.gz", scan), (40,), "a")
+        read_organ(write(tmp_path / "ct.nii.gz", scan), (40,), "a")
 
 
 def test_many_labels_are_labels_however_small(tmp_path: Path) -> None:
@@ -292,6 +292,6 @@ def test_many_labels_are_labels_however_small(tmp_path: Path) -> None:
     blocks = np.arange(1, 126).reshape(5, 5, 5)
     labels = np.kron(blocks, np.ones((3, 3, 3))).astype(np.uint8)
     labels[:, :, :6] = 7  # one organ of a size that can be read
-    assert read_mask(write(tmp_path / "a.nii.gz", labels), (7,), "a").voxels.sum() == 15 * 15 * 6
+    assert read_organ(write(tmp_path / "a.nii.gz", labels), (7,), "a").voxels.sum() == 15 * 15 * 6
     two = np.where(labels % 2, 0, 255).astype(np.uint8)  # a mask as some programs write it
-    assert read_mask(write(tmp_path / "b.nii.gz", two), (255,), "b").voxels.any()
+    assert read_organ(write(tmp_path / "b.nii.gz", two), (255,), "b").voxels.any()

@@ -23,7 +23,7 @@ from ssm_pipeline.geometry.affine import affine_share
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import face_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import Cohort, StudyError
 
@@ -143,7 +143,7 @@ def test_scans_hold_the_true_solids_with_two_labels(cohort: Cohort) -> None:
         mask = case.load()
         assert mask.warnings == ()
         assert mask.volume_mm3 == pytest.approx(volume(vertices, truth.faces), rel=0.03)
-        mesh, quality = mesh_from_mask(mask, MeshingSettings(faces=1500))
+        mesh, quality = mesh_with_quality(mask, MeshingSettings(faces=1500))
         assert quality.euler_number == 2
         distances = closest_points(mesh.vertices, vertices, truth.faces).distances
         # Half a voxel of noise at the border; rounded edges and bridges a little more.

@@ -14,7 +14,7 @@ from ssm_pipeline.data_prep.synthetic.smooth_phantoms import MAX_SCORE_NORM, dra
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.surface import area, face_normals, volume
 from ssm_pipeline.geometry.topology import euler_number, is_oriented_manifold
-from ssm_pipeline.meshing.mask_to_mesh import mesh_from_mask
+from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import Cohort, StudyError
 
@@ -131,7 +131,7 @@ def test_masks_hold_the_true_solids(cohort: Cohort) -> None:
         assert mask.warnings == ()
         # About 200 000 voxels: the sampled volume is good to a tenth of a percent.
         assert mask.volume_mm3 == pytest.approx(volume(vertices, truth.faces), rel=2e-3)
-        mesh, quality = mesh_from_mask(mask, MeshingSettings(faces=2000))
+        mesh, quality = mesh_with_quality(mask, MeshingSettings(faces=2000))
         assert quality.euler_number == 2
         distances = closest_points(mesh.vertices, vertices, truth.faces).distances
         # The blur rounds the sharp rim of the base; elsewhere a fraction of a 2 mm voxel.
