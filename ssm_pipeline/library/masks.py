@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
-from ssm_pipeline.data_prep.formats.images import LabelImage, read_labels, select_labels
+from ssm_pipeline.data_prep.formats.images import read_labels
+from ssm_pipeline.data_prep.formats.label_images import LabelImage
+from ssm_pipeline.data_prep.formats.organ_masks import select_labels
 from ssm_pipeline.data_prep.formats.segments import is_segmentation, read_segments
 from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings

@@ -187,11 +187,16 @@ def _with_text(path: Path, column: str) -> pd.DataFrame:
 
 
 def load_run(folder: str | Path) -> Run:
-    """The results of a finished run, each read when it is first asked for.
+    """The results of a finished run, each read when it is first used.
 
-    folder   a run's, such as "runs/luna16".
-    Returns  `.model`, `.shapes` (N, V, 3) mm, `.mesh(case)`, `.path(case)`, `.metrics` and others.
-    Raises   StudyError if the folder holds no run.
+    Args:
+        folder: The folder of the run, such as "runs/luna16".
+
+    Returns:
+        `.model`, `.shapes` (N, V, 3) mm, `.mesh(case)`, `.path(case)`, `.metrics` and others.
+
+    Raises:
+        StudyError: For a folder that holds no run.
     """
     if not (Path(folder) / "study.json").is_file():
         raise StudyError(f"{folder} holds no run; give a folder such as runs/luna16.")

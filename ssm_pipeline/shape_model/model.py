@@ -11,7 +11,7 @@ import numpy as np
 from ssm_pipeline import storage
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.topology import submesh_faces
-from ssm_pipeline.records import DamagedFile
+from ssm_pipeline.records import DamagedFile, require_type
 
 ARRAYS = ("mean", "modes", "variances", "faces", "scores")
 LABELS = {"unit": np.array("mm"), "space": np.array("LPS"), "format_version": np.array(1)}
@@ -222,9 +222,17 @@ class ShapeModel:
 
 
 def load_model(path: str | Path) -> ShapeModel:
-    """Read a model that `save`, a run or `workflow export --format npz` wrote.
+    """Read a model that `ShapeModel.save`, a run or `workflow export --format npz` wrote.
 
-    Raises DamagedFile for a file that is missing, damaged, or no model in millimetres LPS.
+    Args:
+        path: The file, such as `runs/luna16/shape_model/model.npz`.
+
+    Returns:
+        The model, in mm LPS.
+
+    Raises:
+        TypeError: For anything but one path.
+        DamagedFile: For a file that is missing, damaged, or no model in millimetres LPS.
 
     >>> model = ShapeModel(
     ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3), variances=np.array([9, 4]),
@@ -234,6 +242,7 @@ def load_model(path: str | Path) -> ShapeModel:
     >>> load_model("liver.npz").standard_deviations
     array([3., 2.])
     """
+    require_type(path, (str, Path), "path")
     arrays = storage.load_arrays(Path(path))
     missing = [name for name in (*ARRAYS, "case_ids", *LABELS) if name not in arrays]
     if missing:

@@ -206,6 +206,24 @@ def test_losses_vanish_for_the_right_map_and_only_there() -> None:
     assert moved.item() == pytest.approx(100 / k, rel=1e-5)
 
 
+def test_the_laplacian_term_commutes_the_map_with_both_spectra() -> None:
+    settings = S3MSettings(bijectivity=0, orthogonality=0, laplacian=1, preservation=0)
+    generator = np.random.default_rng(4)
+    C, k = generator.standard_normal((5, 5)), 5  # not symmetric
+    x, y = np.sort(generator.uniform(0, 9, (2, k)), axis=1)
+    operators = torch.zeros(1, 2, k, k)
+    found = pair_losses(
+        *(torch.as_tensor(C.astype(np.float32))[None] for _ in range(2)),
+        torch.as_tensor(x.astype(np.float32))[None],
+        torch.as_tensor(y.astype(np.float32))[None],
+        operators,
+        operators,
+        settings,
+    )
+    expected = ((C @ np.diag(x) - np.diag(y) @ C) ** 2).mean()
+    assert found.item() == pytest.approx(expected, rel=1e-5)
+
+
 def test_filter_keeps_a_perfect_map_and_repairs_a_noised_one() -> None:
     generator = np.random.default_rng(7)
     mesh = sphere(1.0, 2)

@@ -61,6 +61,46 @@ def test_an_identical_pair_with_sharp_features_has_no_loss() -> None:
         assert term < 1e-6, name
 
 
+def test_each_spectral_term_is_its_formula() -> None:
+    generator = torch.Generator().manual_seed(2)
+    shape = to_shape(basis_of(blob(1, faces=300), 10), SETTINGS, dtype=torch.float64)
+    features = torch.randn(len(shape.vertices), 12, dtype=torch.float64, generator=generator)
+    pair = match_pair(shape, shape, features, features, SETTINGS)
+    C_xy, C_yx, P_xy, P_yx = torch.randn(4, 10, 10, dtype=torch.float64, generator=generator)
+    pair = dataclasses.replace(pair, C_xy=C_xy, C_yx=C_yx, P_xy=P_xy, P_yx=P_yx)
+    found = spectral_loss(pair, SpectralLossWeights(bijectivity=2, orthogonality=3, coupling=5))
+    a, b, p, q = (m.numpy() for m in (C_xy, C_yx, P_xy, P_yx))
+    one = np.eye(10)
+    expected = {
+        "bijectivity": 2 * (((a @ b - one) ** 2).sum() + ((b @ a - one) ** 2).sum()),
+        "orthogonality": 3 * (((a.T @ a - one) ** 2).sum() + ((b.T @ b - one) ** 2).sum()),
+        "coupling": 5 * (((a - p) ** 2).sum() + ((b - q) ** 2).sum()),
+    }
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(float(found[name]), value, rtol=1e-12)
+
+
+def test_each_map_leads_in_the_direction_of_its_name() -> None:
+    """X and Y have different bases, so that a transposed or exchanged map shows."""
+    x = to_shape(basis_of(blob(1), 10), SETTINGS, dtype=torch.float64)
+    y = to_shape(basis_of(blob(2), 12), SETTINGS, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(1)
+    F_x, F_y = (
+        torch.randn(len(s.vertices), 14, dtype=torch.float64, generator=generator) for s in (x, y)
+    )
+    pair = match_pair(x, y, F_x, F_y, SETTINGS)
+    assert pair.C_xy.shape == pair.P_xy.shape == (12, 10)
+    unit_x, unit_y = (F / F.norm(dim=1, keepdim=True) for F in (F_x, F_y))
+    Pi_yx = (unit_y @ unit_x.T / SETTINGS.temperature).softmax(dim=1)
+    torch.testing.assert_close(pair.P_xy, y.projection @ Pi_yx @ x.eigenvectors)
+    A, B = x.projection @ F_x, y.projection @ F_y
+    # With A A^T well conditioned and the penalty small, C_xy takes X's coefficients to Y's.
+    free = SETTINGS.model_copy(update={"resolvent_weight": 0.0})
+    C_xy = match_pair(x, y, F_x, F_y, free).C_xy
+    torch.testing.assert_close(C_xy, B @ torch.linalg.pinv(A), rtol=1e-6, atol=1e-6)
+
+
 def test_features_are_standardised_by_area() -> None:
     generator = torch.Generator().manual_seed(0)
     mass = torch.rand(50, dtype=torch.float64, generator=generator)

@@ -70,6 +70,17 @@ def test_training_that_goes_on_does_not_read_its_start_again(
     assert torch.equal(whole.features(shape), resumed.features(shape))
 
 
+def test_a_matcher_has_seen_the_shapes_of_its_starting_weights_too(bases, trained) -> None:
+    _, path = trained
+    new = [basis_of(blob(index)) for index in (3, 4)]  # blob3 twice: once in the list
+    settings = SMALL.model_copy(update={"start": str(path), "checkpoint_every": 2})
+    checkpoints: list[TrainingCheckpoint] = []
+    matcher = train_networks(new, settings, seed=4, on_checkpoint=checkpoints.append)
+    assert matcher.trained_on == ("blob1", "blob2", "blob3", "blob4")
+    resumed = train_networks(new, settings, seed=4, start=checkpoints[0])
+    assert resumed.trained_on == matcher.trained_on
+
+
 def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path: Path) -> None:
     matcher, path = trained
     matcher.save(tmp_path / "packed.pt", packed=True)

@@ -89,6 +89,37 @@ def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path: Path) -> None:
     assert torch.equal(matcher.features(shape), loaded.features(shape))
 
 
+def test_a_matcher_trained_on_other_inputs_is_refused(
+    bases, matcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ssm_pipeline.matching import shape
+
+    path = tmp_path / "matcher.pt"
+    matcher.save(path)
+    load_matcher(path)
+    plain = shape.wave_kernel_signature
+    monkeypatch.setattr(shape, "wave_kernel_signature", lambda *a: 2 * plain(*a))
+    with pytest.raises(StudyError, match=r"matcher.pt was trained on other network inputs.*up to"):
+        load_matcher(path)
+    monkeypatch.setattr(shape, "wave_kernel_signature", lambda *a: plain(*a)[:, :-1])
+    with pytest.raises(StudyError, match="it read 16 inputs per vertex, not 15"):
+        load_matcher(path)
+
+
+def test_shapes_with_other_eigenpairs_are_refused_before_training(bases) -> None:
+    mixed = [*bases, basis_of(blob(4, faces=300), eigenpairs=30)]
+    with pytest.raises(StudyError, match="blob1 has 20 eigenpairs and blob4 has 30"):
+        train_networks(mixed, SETTINGS, seed=0, on_step=lambda step, terms: pytest.fail("trained"))
+
+
+def test_the_seed_decides_the_order_of_the_pairs() -> None:
+    orders = [[Pairs(5 * ["organ"], seed).at(step) for step in range(10)] for seed in (0, 0, 1)]
+    assert orders[0] == orders[1]
+    assert orders[0] != orders[2]
+    drawn = [[Pairs(5 * ["o"], seed, most_listed=3).at(i) for i in range(10)] for seed in (0, 1)]
+    assert drawn[0] != drawn[1]
+
+
 def test_an_epoch_shows_every_pair_once() -> None:
     pairs = Pairs(5 * ["organ"], seed=1)
     seen = {pairs.at(step) for step in range(10)}
@@ -157,8 +188,17 @@ def test_one_shape_is_too_few(bases) -> None:
 
 def test_template_has_the_smallest_mean_loss(bases, matcher) -> None:
     name, table = choose_template(matcher, bases)
-    assert name == table.loc[table.mean_loss.idxmin(), "case_id"]
-    assert len(table) == 3
+    shapes = [matcher.shape(basis) for basis in bases]
+
+    def loss(x, y):
+        return float(pair_loss(shapes[x], shapes[y], matcher.networks, 1, matcher.settings)[0])
+
+    with torch.no_grad():
+        between = {(x, y): loss(x, y) for x, y in ((0, 1), (0, 2), (1, 2))}
+    expected = [(between[0, 1] + between[0, 2]) / 2, (between[0, 1] + between[1, 2]) / 2]
+    expected.append((between[0, 2] + between[1, 2]) / 2)
+    assert table["mean_loss"].tolist() == pytest.approx(expected, rel=1e-5)
+    assert name == bases[expected.index(min(expected))].case_id
 
 
 def test_path_runs_from_template_to_case_in_millimetres(bases, matcher) -> None:
