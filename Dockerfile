@@ -11,9 +11,10 @@ COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY data_prep data_prep
 COPY ssm_pipeline ssm_pipeline
 COPY workflows workflows
-# PyTorch without CUDA: a fifth of the size. For a GPU, leave the index out.
-RUN pip install --no-cache-dir -c constraints.txt \
-        --extra-index-url https://download.pytorch.org/whl/cpu .
+# PyTorch's build with CUDA is five times larger than the one for CPUs. For the latter, pass the index
+# that PyTorch's installation page names: docker build --build-arg TORCH_INDEX=…
+ARG TORCH_INDEX=
+RUN pip install --no-cache-dir -c constraints.txt ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} .
 WORKDIR /work
 ENV HOME=/tmp OMP_NUM_THREADS=1
 ENTRYPOINT ["workflow"]

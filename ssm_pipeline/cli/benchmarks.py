@@ -169,7 +169,9 @@ def matching(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="faust, scape, shrec19, topkids, smal, dt4d-intra, dt4d-inter, or a YAML.",
+            help="faust, scape, shrec19, topkids, smal, dt4d-intra, dt4d-inter, near-isometric, "
+            "non-isometric, articulated, articulated-shapes, articulated-merged, or a YAML. "
+            "Default: non-isometric, or that of the built-in shapes.",
             show_default=False,
         ),
     ] = None,
@@ -190,6 +192,9 @@ def matching(
     checkpoint: Annotated[
         Path | None, typer.Option(help="A trained matcher.pt, instead of training.")
     ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Compute everything again; reuse nothing.")
+    ] = False,
     changes: Changes = None,
     runs: RunsFolder = Path("runs"),
     device: Device = None,
@@ -199,7 +204,12 @@ def matching(
     from ssm_pipeline.engine.terminal import Terminal
     from ssm_pipeline.experiments.benchmark_shapes import benchmark_shapes, built_in_shapes
     from ssm_pipeline.experiments.matching_benchmark import run_matching
-    from ssm_pipeline.experiments.matching_benchmark_settings import preset_for, read_preset
+    from ssm_pipeline.experiments.matching_benchmark_settings import (
+        changes_from_preset,
+        folder_of_benchmark,
+        preset_for,
+        read_preset,
+    )
 
     given = {
         "methods": [name.strip() for name in methods.split(",")] if methods else None,
@@ -208,17 +218,32 @@ def matching(
         "test": test,
         "self_pairs": self_pairs or None,
     }
-    settings = read_preset(preset_for(data, built_in, preset), changes or [], given)
+    chosen = preset_for(data, built_in, preset)
+    settings = read_preset(chosen, changes or [], given)
     terminal = Terminal()
+    terminal.say(f"preset {chosen}")
     name = built_in or str(data and data.resolve().name)
-    folder = runs / f"matching-{name}"
+    folder = runs / folder_of_benchmark(name, preset)
     shapes = (
         benchmark_shapes(name, data, settings)
         if data is not None
         else built_in_shapes(name, folder / "shapes", settings, terminal)
     )
-    summary = run_matching(shapes, folder, settings, checkpoint, chosen_device(device), terminal)
-    terminal.say(summary.round(3).to_string(index=False))
+    summary = run_matching(
+        shapes,
+        folder,
+        settings,
+        checkpoint,
+        chosen_device(device),
+        terminal,
+        preset=chosen,
+        changes=changes_from_preset(chosen, settings),
+        fresh=fresh,
+    )
+    shown = summary.drop(columns=["row", "seed", "preset", "changes"])
+    terminal.say(shown.round(3).to_string(index=False))
+    if summary["changes"].iloc[0]:
+        terminal.say(f"changed from the preset: {summary['changes'].iloc[0]}")
     terminal.say(f"tables and curves: {folder}")
 
 

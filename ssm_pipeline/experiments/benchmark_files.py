@@ -1,31 +1,48 @@
-"""What a matching benchmark keeps in its folder, so that stopping costs only what was under way."""
+"""What a matching benchmark keeps in its folder, so that stopping costs only what was under way.
+
+Every key holds a digest of the code that computes the result: changed code is never answered by an
+old result.
+"""
 
 from __future__ import annotations
 
+import datetime
 import io
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ssm_pipeline import storage
+from ssm_pipeline.engine.code_digest import code_digest
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.records import CaseError, Mesh, ShapePath, SpectralBasis
 from ssm_pipeline.spectral.settings import SpectralSettings
 
+BASIS_CODE = "ssm_pipeline.spectral.basis"
+COARSE_CODE = "ssm_pipeline.meshing.decimation"
+GEODESICS_CODE = "ssm_pipeline.geometry.geodesics"
+_CACHES = ("bases", "geodesics", "maps", "paths", "matchers")
+
 
 @dataclass(frozen=True)
 class BenchmarkFiles:
-    """Bases, geodesic distances, maps and paths in `folder`, each made when first asked for."""
+    """Bases, geodesic distances, maps and paths in `folder`, each computed when first needed."""
 
     folder: Path
     spectral: SpectralSettings
 
+    def forget(self) -> None:
+        """Delete everything that could be reused. Tables of results stay."""
+        for name in _CACHES:
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+
     def basis(self, mesh: Mesh) -> SpectralBasis:
         from ssm_pipeline.spectral.basis import spectral_basis
 
-        path = self.folder / "bases" / f"{key_of(key_of_mesh(mesh), self.spectral)}.npz"
+        path = self.folder / "bases" / self._name(mesh, self.spectral, code_digest(BASIS_CODE))
         if not path.exists():
             storage.save(spectral_basis(mesh, self.spectral), path)
         return storage.load(SpectralBasis, path)
@@ -37,7 +54,11 @@ class BenchmarkFiles:
         """
         from ssm_pipeline.meshing.decimation import decimate
 
-        path = self.folder / "bases" / f"{key_of(key_of_mesh(mesh), self.spectral, faces)}.npz"
+        path = (
+            self.folder
+            / "bases"
+            / self._name(mesh, self.spectral, faces, code_digest(BASIS_CODE, COARSE_CODE))
+        )
         if not path.exists():
             try:
                 coarse = decimate(mesh, faces)
@@ -50,7 +71,8 @@ class BenchmarkFiles:
         """(V, V) float32, mm; straight across the gaps of a surface in pieces."""
         from ssm_pipeline.geometry.geodesics import geodesic_matrix
 
-        path = self.folder / "geodesics" / f"{key_of(key_of_mesh(mesh))}.npy"
+        key = key_of(key_of_mesh(mesh), code_digest(GEODESICS_CODE))
+        path = self.folder / "geodesics" / f"{key}.npy"
         if not path.exists():
             matrix = geodesic_matrix(mesh.vertices, mesh.faces, across_gaps=True)
             _save_array(matrix, path)
@@ -72,8 +94,17 @@ class BenchmarkFiles:
             storage.save(make(), path)
         return storage.load(ShapePath, path)
 
+    def _name(self, mesh: Mesh, *parts: object) -> str:
+        return f"{key_of(key_of_mesh(mesh), *parts)}.npz"
+
     def map_path(self, x: Mesh, y: Mesh, key: str) -> Path:
         return self.folder / "maps" / key / f"{key_of(key_of_mesh(x), key_of_mesh(y))}.npy"
+
+
+def dates_of(paths: Iterable[Path]) -> str:
+    """The day on which files were written, or the first and the last of several days."""
+    days = sorted(datetime.date.fromtimestamp(path.stat().st_mtime).isoformat() for path in paths)
+    return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
 
 
 def key_of_mesh(mesh: Mesh) -> str:

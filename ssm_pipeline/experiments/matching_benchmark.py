@@ -9,10 +9,18 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.engine.code_digest import code_digest
 from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.process import keep_large_blocks
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.experiments.benchmark_files import BenchmarkFiles, key_of_mesh
+from ssm_pipeline.experiments.benchmark_files import (
+    BASIS_CODE,
+    COARSE_CODE,
+    BenchmarkFiles,
+    dates_of,
+    key_of_mesh,
+)
+from ssm_pipeline.experiments.benchmark_rows import BenchmarkRow, all_rows, keep_row
 from ssm_pipeline.experiments.benchmark_shapes import BenchmarkShapes
 from ssm_pipeline.experiments.matching_benchmark_settings import MatchingBenchmarkSettings
 from ssm_pipeline.experiments.matching_cost import cost_in_words, seconds_a_pair, seconds_a_step
@@ -25,6 +33,11 @@ if TYPE_CHECKING:
     from ssm_pipeline.evaluation.matching_benchmark import MatchingBenchmark
 
 
+MAP_CODE = "ssm_pipeline.adaptation.correspond"
+PATH_CODE = "ssm_pipeline.adaptation.path"
+TRAINING_CODE = "ssm_pipeline.training.train"
+
+
 def run_matching(
     shapes: BenchmarkShapes,
     folder: Path,
@@ -32,38 +45,54 @@ def run_matching(
     checkpoint: Path | None,
     device: str,
     terminal: Terminal,
+    preset: str = "",
+    changes: str = "",
+    fresh: bool = False,
 ) -> pd.DataFrame:
-    """summary.csv (rows as in the papers' tables), pairs.csv, pck.csv and pck.png in `folder`;
-    with a row `full` also interpolation.csv and interpolation_curve.csv of a few pairs.
+    """Score each method of the settings on the shapes.
 
-    checkpoint  a trained matcher (matcher.pt) to test instead of training one; the row "spectral
-                only" has a network of its own all the same.
-    Spectral bases, trained matchers, geodesic distances and maps are kept in `folder`. Where test
-    shapes were trained on, the row's name says so.
+    The rows of earlier calls in the same folder stay: `summary.csv`, `pairs.csv`, `pck.csv` and
+    `pck.png` hold all of them, and `rows/` has a folder for each (`benchmark_rows`). The row `full`
+    also writes interpolation.csv and interpolation_curve.csv of a few pairs.
+
+    Args:
+        shapes: What is trained on and tested.
+        folder: Where results, matchers, spectral bases, geodesic distances and maps are kept.
+        checkpoint: A trained matcher to test instead of training one. The row "spectral only"
+            trains a network of its own all the same.
+        preset: The preset that the settings come from. changes: How they differ from it.
+        fresh: Whether to compute everything again instead of reusing earlier results.
+
+    Returns:
+        The rows of this call, one per method. If a matcher was trained on test shapes, the name of
+        its row says so.
     """
     from ssm_pipeline.evaluation.interpolation_quality import interpolation_tables
 
     keep_large_blocks()
     _say_what_is_odd(shapes, terminal)
     files = BenchmarkFiles(folder, settings.spectral)
+    if fresh:
+        files.forget()
     _say_cost(shapes, files, settings, checkpoint, device, terminal)
-    results: list[MatchingBenchmark] = []
-    paths: list[ShapePath] = []
+    summaries: list[pd.DataFrame] = []
     for method in settings.methods:
         predictor = _Predictor(shapes, files, settings, method, checkpoint, device, terminal)
-        results.append(_row(shapes, files, predictor, terminal))
+        scored = _row(shapes, files, predictor, terminal)
+        row = BenchmarkRow(
+            scored, method, settings, preset, changes, predictor.digest, predictor.losses
+        )
+        summaries.append(keep_row(folder, row))
         if method == FULL:
-            paths = _paths(predictor, settings.interpolations, terminal)
-    tables = {
-        "summary": pd.concat([result.summary for result in results], ignore_index=True),
-        "pairs": pd.concat([result.pairs for result in results], ignore_index=True),
-        "pck": pd.concat([result.curve for result in results], ignore_index=True),
-    } | interpolation_tables(paths)
-    for name, table in tables.items():
+            tables = interpolation_tables(_paths(predictor, settings.interpolations, terminal))
+            for name, table in tables.items():
+                storage.write_table(table, folder / f"{name}.csv")
+            _say_interpolation(tables, terminal)
+    kept = all_rows(folder)
+    for name, table in kept.items():
         storage.write_table(table, folder / f"{name}.csv")
-    _say_interpolation(tables, terminal)
-    _draw_curves(tables["pck"], tables["summary"], folder / "pck.png")
-    return tables["summary"]
+    _draw_curves(kept["pck"], kept["summary"], folder / "pck.png")
+    return pd.concat(summaries, ignore_index=True)
 
 
 def _row(
@@ -71,6 +100,7 @@ def _row(
 ) -> MatchingBenchmark:
     from ssm_pipeline.evaluation.matching_benchmark import run_matching_benchmark
 
+    predictor.report_reuse(terminal)
     with terminal.steps(predictor.method, len(shapes.pairs)) as steps:
         return run_matching_benchmark(
             shapes.meshes,
@@ -112,24 +142,48 @@ class _Predictor:
         from ssm_pipeline.training.matcher import load_matcher
 
         self.shapes, self.files, self.settings, self.method = shapes, files, settings, method
-        self.matcher, rests_on = None, ""
+        self.matcher, self.digest = None, ""
+        self.losses: pd.DataFrame | None = None
+        code = code_digest(MAP_CODE, PATH_CODE, BASIS_CODE, COARSE_CODE)
         if method_named(method).uses_network:
             path = matcher_path(shapes, files, settings, method, checkpoint)
             if path != checkpoint:
-                training = training_of(settings, method)
-                label = "training" + " on the spectral loss alone" * _has_own_network(method)
-                key = path.stem.removeprefix("matcher-")
-                trained_matcher(
-                    lambda: [
-                        files.training_basis(shapes.meshes[index], training.faces)
-                        for index in shapes.train
-                    ],
-                    TrainingJob(
-                        training, settings.seed, device, files.folder, key, label, terminal
-                    ),
-                )
-            self.matcher, rests_on = load_matcher(path, device), key_of_files([path])
-        self.key = key_of(method, settings.spectral, settings.adaptation, settings.seed, rests_on)
+                self._train(path, device, terminal)
+                self.losses = storage.read_table(path.with_name("losses.csv"))
+            self.matcher, self.digest = load_matcher(path, device), key_of_files([path])
+        self.key = key_of(
+            method, settings.spectral, settings.adaptation, settings.seed, self.digest, code
+        )
+
+    def _train(self, path: Path, device: str, terminal: Terminal) -> None:
+        """Train the matcher that belongs at `path`, unless it is there."""
+        training = training_of(self.settings, self.method)
+        if path.exists():
+            terminal.say(f"matcher of {dates_of([path])} reused; --fresh trains again")
+            return
+        label = "training" + " on the spectral loss alone" * (training != self.settings.training)
+        key = path.stem.removeprefix("matcher-")
+        trained_matcher(
+            lambda: [
+                self.files.training_basis(self.shapes.meshes[index], training.faces)
+                for index in self.shapes.train
+            ],
+            TrainingJob(training, self.settings.seed, device, path.parent, key, label, terminal),
+        )
+
+    def report_reuse(self, terminal: Terminal) -> None:
+        """Say how many maps of earlier calls are reused, and from which day they are."""
+        meshes = self.shapes.meshes
+        paths = [
+            self.files.map_path(meshes[pair.x], meshes[pair.y], self.key)
+            for pair in self.shapes.pairs
+        ]
+        kept = [path for path in paths if path.exists()]
+        if kept:
+            terminal.say(
+                f"{self.method}: {len(kept)} of {len(paths)} maps of {dates_of(kept)} reused; "
+                "--fresh computes them again"
+            )
 
     def predict(self, x: Mesh, y: Mesh) -> np.ndarray:
         return self.files.map(x, y, self.key, lambda: self._matched(x, y))
@@ -188,8 +242,9 @@ def matcher_path(
     meshes = [key_of_mesh(shapes.meshes[index]) for index in shapes.train]
     training = training_of(settings, method)
     start = key_of_start(training)
-    key = key_of(meshes, settings.spectral, training, start, settings.seed)
-    return files.folder / f"matcher-{key}.pt"
+    code = code_digest(TRAINING_CODE, BASIS_CODE, COARSE_CODE)
+    key = key_of(meshes, settings.spectral, training, start, settings.seed, code)
+    return files.folder / "matchers" / key / f"matcher-{key}.pt"
 
 
 def _say_cost(
@@ -253,9 +308,12 @@ def _draw_curves(curves: pd.DataFrame, summary: pd.DataFrame, path: Path) -> Non
 
     figure = Figure(figsize=(5, 3.5), layout="constrained")
     axes = figure.add_subplot()
+    several = summary["method"].value_counts()
     for row in summary.itertuples():
-        curve = curves[curves["method"] == row.method]
-        label = f"{row.method}: {row.mean_geodesic_error_x100:.2f}, AUC {row.auc:.3f}"
+        curve = curves[curves["row"] == row.row]
+        # A row's name ends in the hash that tells rows of one method apart.
+        name = row.row if several[row.method] > 1 else row.method
+        label = f"{name}: {row.mean_geodesic_error_x100:.2f}, AUC {row.auc:.3f}"
         axes.plot(curve["threshold"], 100 * curve["share"], label=label)
     first = summary.iloc[0]
     axes.set(

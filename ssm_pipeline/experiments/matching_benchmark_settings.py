@@ -86,6 +86,38 @@ def read_preset(
     return checked_as(MatchingBenchmarkSettings, content, path)
 
 
+def folder_of_benchmark(name: str, preset: str | None) -> str:
+    """The folder of a benchmark: presets of one data set do not share a folder.
+
+    >>> folder_of_benchmark("DT4D_r", "dt4d-inter"), folder_of_benchmark("articulated", None)
+    ('matching-DT4D_r-dt4d-inter', 'matching-articulated')
+    """
+    own = "" if preset is None else f"-{Path(preset).stem}"
+    return f"matching-{name}{own}"
+
+
+def changes_from_preset(preset: str, settings: MatchingBenchmarkSettings) -> str:
+    """How settings differ from their preset; the list of methods does not count.
+
+    >>> settings = read_preset("faust", ["training.steps=300", "seed=1"])
+    >>> changes_from_preset("faust", settings)
+    'seed=1, training.steps=300'
+    """
+    before, after = (_flat(one.model_dump(mode="json")) for one in (read_preset(preset), settings))
+    changed = {key: value for key, value in after.items() if before.get(key) != value}
+    return ", ".join(f"{key}={value}" for key, value in changed.items() if key != "methods")
+
+
+def _flat(content: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
 def _presets() -> dict[str, Path]:
     package = Path(str(files("ssm_pipeline")))
     found: dict[str, Path] = {}

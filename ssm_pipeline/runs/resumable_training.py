@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
 from ssm_pipeline import storage
 from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.terminal import Terminal
@@ -95,7 +97,10 @@ def trained_matcher(load_bases: Callable[[], Sequence[SpectralBasis]], job: Trai
     """matcher-<key>.pt in the job's folder: if it is there, nothing is read nor done."""
 
     if not job.matcher.exists():
-        matcher, _ = train_resumably(load_bases(), job)
+        matcher, history = train_resumably(load_bases(), job)
+        losses = pd.DataFrame(history)
+        losses.insert(0, "step", range(1, len(losses) + 1))
+        storage.write_table(losses, job.folder / "losses.csv")
         matcher.save(job.matcher)
         storage.remove(job.checkpoint)
     return job.matcher

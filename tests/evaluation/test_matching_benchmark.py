@@ -55,7 +55,7 @@ def test_the_true_map_has_no_error() -> None:
     assert (row["benchmark"], row["method"], row["shapes"], row["pairs"]) == ("balls", "m", 3, 6)
     assert row["mean_geodesic_error_x100"] == 0
     assert row["auc"] == pytest.approx(1)
-    assert row["pck_at_5_x100"] == 1
+    assert row["pck_005_percent"] == 100
     assert (result.curve["share"] == 1).all()
     assert list(zip(result.pairs["x"], result.pairs["y"], strict=True))[:3] == [
         ("ball0", "ball1"),

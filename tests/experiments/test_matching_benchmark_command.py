@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from command_line import Said, Workflow
 
+from ssm_pipeline import storage
 from ssm_pipeline.data_prep.matching_sets.matching_folder import (
     read_matching_folder,
     write_matching_folder,
@@ -17,6 +19,7 @@ from ssm_pipeline.data_prep.matching_sets.matching_folder import (
 from ssm_pipeline.data_prep.matching_sets.remeshed_phantoms import remeshed_phantoms
 from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
 from ssm_pipeline.data_prep.synthetic.smooth_phantoms import draw
+from ssm_pipeline.experiments import benchmark_files, matching_benchmark
 from ssm_pipeline.experiments.matching_benchmark_settings import read_preset
 from ssm_pipeline.geometry.surface import area
 from ssm_pipeline.records import Mesh
@@ -54,7 +57,7 @@ def words(lungs: Path, runs: Path, *changes: str) -> list[str]:
 
 def tables(said: Said) -> str:
     """What is said but for the cost and, on a slow machine, the progress."""
-    passing = re.compile(r"measuring|about .* here|\d of \d")
+    passing = re.compile(r"measuring|about .* here|\d of \d|reused|changed from")
     return "\n".join(line for line in said.stdout.splitlines() if not passing.search(line))
 
 
@@ -69,8 +72,8 @@ def test_trains_on_one_part_and_tests_on_another(
     cost = r"about .* here: training, 3 steps of .*; full, 2 pairs of .*; adaptation only, 2 pairs"
     assert re.search(cost, said.stdout)
     assert (folder / "pck.png").read_bytes().startswith(b"\x89PNG")
-    (matcher,) = folder.glob("matcher-*.pt")
-    assert not list(folder.glob("checkpoint-*.pt"))
+    (matcher,) = folder.glob("matchers/*/matcher-*.pt")
+    assert not list(folder.glob("matchers/*/checkpoint-*.pt"))
     summary = pd.read_csv(folder / "summary.csv")
     trained = "full (trained on 1 of the test shapes)"
     assert summary["method"].tolist() == [trained, "adaptation only"]
@@ -103,7 +106,52 @@ def test_trains_on_one_part_and_tests_on_another(
     given = workflow(*words(lungs, runs), *longer, *options)
     assert given.code == 0, given.stderr
     assert tables(given) == tables(said)  # 50 steps were not trained
-    assert list(folder.glob("matcher-*.pt")) == [matcher]
+    assert list(folder.glob("matchers/*/matcher-*.pt")) == [matcher]
+
+
+def test_rows_accumulate_and_say_how_they_differ(
+    workflow: Workflow, lungs: Path, tmp_path: Path
+) -> None:
+    call = words(lungs, tmp_path)
+    assert workflow(*call, "--methods", "adaptation only", "--test", "0:2").code == 0
+    other = ("--methods", "nearest point,adaptation only", "--set", "seed=1", "--test", "0:2")
+    assert workflow(*call, *other).code == 0
+    folder = tmp_path / "matching-lungs"
+    summary = pd.read_csv(folder / "summary.csv")
+    assert summary["method"].tolist() == ["adaptation only", "nearest point", "adaptation only"]
+    assert summary["seed"].tolist() == [0, 1, 1]
+    assert (summary["preset"] == "non-isometric").all()
+    assert "seed=1" in summary["changes"][1]
+    assert "seed=1" not in summary["changes"][0]
+    assert set(pd.read_csv(folder / "pairs.csv")["row"]) == set(summary["row"])
+    about = storage.read_json(folder / "rows" / summary["row"][2] / "settings.json")
+    assert about["settings"]["seed"] == 1
+    assert "numpy" in about["versions"]
+    assert workflow(*call, *other).code == 0  # the same again replaces its rows
+    assert len(pd.read_csv(folder / "summary.csv")) == 3
+
+
+def test_changed_code_is_not_answered_by_old_results(
+    workflow: Workflow, lungs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = (*words(lungs, tmp_path), "--train", "0:2", "--test", "0:2", "--methods", "features")
+    folder = tmp_path / "matching-lungs"
+    first = workflow(*call)
+    assert first.code == 0, first.stderr
+    (matcher,) = folder.glob("matchers/*/matcher-*.pt")
+    assert pd.read_csv(matcher.with_name("losses.csv"))["step"].tolist() == [1, 2, 3]
+    today = datetime.date.today().isoformat()
+    again = workflow(*call)
+    assert f"matcher of {today} reused; --fresh trains again" in again.stdout
+    assert f"features: 2 of 2 maps of {today} reused" in again.stdout
+    fresh = workflow(*call, "--fresh")
+    assert "reused" not in fresh.stdout
+    for module in (matching_benchmark, benchmark_files):
+        digest = module.code_digest
+        monkeypatch.setattr(module, "code_digest", lambda *names, old=digest: old(*names) + "new")
+    changed = workflow(*call)
+    assert "reused" not in changed.stdout
+    assert len(list(folder.glob("matchers/*/matcher-*.pt"))) == 2
 
 
 def test_the_row_spectral_only_has_a_network_of_its_own(
@@ -112,15 +160,15 @@ def test_the_row_spectral_only_has_a_network_of_its_own(
     """Beside a matcher that is given, it alone is trained."""
     options = ("--train", "0:2", "--test", "2:4", "--self-pairs", "--steps", "2")
     folder = runs / "matching-lungs"
-    before = set(folder.glob("matcher-*.pt"))
+    before = set(folder.glob("matchers/*/matcher-*.pt"))
     said = workflow(*words(lungs, runs), *options, "--methods", "spectral only")
     assert said.code == 0, said.stderr
-    (spectral,) = set(folder.glob("matcher-*.pt")) - before
-    row = pd.read_csv(folder / "summary.csv").iloc[0]
+    (spectral,) = set(folder.glob("matchers/*/matcher-*.pt")) - before
+    row = pd.read_csv(folder / "summary.csv").iloc[-1]
     assert (row["method"], row["pairs"]) == ("spectral only", 4)  # two of them self-pairs
     both = workflow(*words(lungs, runs), *options, "--methods", "spectral only,without adaptation")
     assert both.code == 0, both.stderr
-    assert len(set(folder.glob("matcher-*.pt")) - before - {spectral}) == 1
+    assert len(set(folder.glob("matchers/*/matcher-*.pt")) - before - {spectral}) == 1
 
 
 def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
@@ -131,7 +179,7 @@ def test_error_is_far_below_chance_and_above_what_the_meshes_allow(
     said = workflow(*words(lungs, runs), *options)
     assert said.code == 0, said.stderr
     folder = runs / "matching-lungs"
-    row = pd.read_csv(folder / "summary.csv").iloc[0]
+    row = pd.read_csv(folder / "summary.csv").iloc[-1]
     assert row["method"] == "adaptation only"  # nothing was trained, so nothing was seen
     assert row["pairs"] == 6
     shapes = read_matching_folder(lungs)
