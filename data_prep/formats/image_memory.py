@@ -38,7 +38,8 @@ def free_gb() -> float:
         allowed = this.rlimit(psutil.RLIMIT_DATA)[0]
         if allowed != psutil.RLIM_INFINITY:
             free = min(free, max(allowed - this.memory_info().data, 0))
-    return free / 2**30
+    result: float = free / 2**30
+    return result
 
 
 def refuse_too_large(needed: float, path: Path, case_id: str) -> None:

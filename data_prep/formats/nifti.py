@@ -62,7 +62,8 @@ class NiftiFile:
         sizes = np.asarray(self.header["pixdim"][1:4], float)
         affine = next((form for form in (sform, qform) if form is not None), np.diag([*sizes, 1.0]))
         unit_mm = _UNITS_MM.get(int(self.header["xyzt_units"]) & 7, 1.0)
-        return RAS_TO_LPS @ np.diag([unit_mm] * 3 + [1.0]) @ affine
+        result: np.ndarray = RAS_TO_LPS @ np.diag([unit_mm] * 3 + [1.0]) @ affine
+        return result
 
     def _forms(self) -> tuple[np.ndarray | None, np.ndarray | None]:
         """The sform and the qform (4, 4), each None without a positive code. Raises CaseError."""
@@ -154,7 +155,7 @@ def read_nifti_header(path: Path, case_id: str) -> NiftiFile | None:
     )
     if not size or found < size:
         return None
-    header = _BYTES[size](content[:size], "<" if order == "little" else ">", check=False)
+    header = _BYTES[size](content[:size], "<" if order == "little" else ">", check=False)  # type: ignore[no-untyped-call]
     _check_size(header, found, path, case_id)
     signed = bool((header["pixdim"][1:4] < 0).any())
     header["pixdim"][1:4] = np.abs(header["pixdim"][1:4])

@@ -189,7 +189,8 @@ def _grid_values(axes: list[np.ndarray]) -> np.ndarray:
         grid = np.stack(np.meshgrid(*local, indexing="ij"), axis=-1)
         distance = part_distance(part, grid.reshape(-1, 3)).reshape(grid.shape[:3])
         total[box] += np.exp(-distance / _BLEND_MM)
-    return -_BLEND_MM * np.log(total)
+    result: np.ndarray = -_BLEND_MM * np.log(total)
+    return result
 
 
 def part_distance(part: Part, points: np.ndarray) -> np.ndarray:

@@ -175,7 +175,8 @@ def _upright(rotations: dict[str, Rotation]) -> Rotation:
 
 def _direction(name: str) -> np.ndarray:
     bone = BONES[BONE_INDEX[name]]
-    return (bone.end - bone.joint) / np.linalg.norm(bone.end - bone.joint)
+    result: np.ndarray = (bone.end - bone.joint) / np.linalg.norm(bone.end - bone.joint)
+    return result
 
 
 def _least_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:

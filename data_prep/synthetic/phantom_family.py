@@ -79,4 +79,5 @@ def level_surface(
 def smooth_maximum(fields: np.ndarray, blend_mm: float) -> np.ndarray:
     """(K, Q) → (Q,): the largest, edges rounded at about `blend_mm`. The smallest if negative."""
     top = (fields / blend_mm).max(axis=0)
-    return blend_mm * (top + np.log(np.exp(fields / blend_mm - top).sum(axis=0)))
+    result: np.ndarray = blend_mm * (top + np.log(np.exp(fields / blend_mm - top).sum(axis=0)))
+    return result

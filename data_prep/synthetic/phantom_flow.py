@@ -22,7 +22,10 @@ class Push:
     push: tuple[float, float, float]
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        return _gaussian(points, self.centre, self.widths)[:, None] * np.array(self.push)
+        result: np.ndarray = _gaussian(points, self.centre, self.widths)[:, None] * np.array(
+            self.push
+        )
+        return result
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Swell:
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         away = self.rate * (points - np.array(self.centre))
-        return _gaussian(points, self.centre, self.widths)[:, None] * away
+        result: np.ndarray = _gaussian(points, self.centre, self.widths)[:, None] * away
+        return result
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,8 @@ class Bumps:
         middle = self.centres.mean(axis=0)  # near it, the squares' difference keeps its digits
         x, c = points - middle, self.centres - middle
         squared = (x**2).sum(axis=1)[:, None] + (c**2).sum(axis=1) - 2 * x @ c.T
-        return np.exp(-0.5 * squared / self.widths**2) @ self.pushes
+        result: np.ndarray = np.exp(-0.5 * squared / self.widths**2) @ self.pushes
+        return result
 
 
 def random_velocity(
@@ -107,4 +112,7 @@ def random_velocity(
 
 
 def _gaussian(points: np.ndarray, centre: Sequence[float], widths: Sequence[float]) -> np.ndarray:
-    return np.exp(-0.5 * (((points - np.array(centre)) / np.array(widths)) ** 2).sum(axis=1))
+    result: np.ndarray = np.exp(
+        -0.5 * (((points - np.array(centre)) / np.array(widths)) ** 2).sum(axis=1)
+    )
+    return result

@@ -101,7 +101,8 @@ def _outside_mm(points: np.ndarray) -> np.ndarray:
 
     def ball(centre: tuple[float, float, float], radii: tuple[float, float, float]) -> np.ndarray:
         scaled = np.linalg.norm((points - np.array(centre)) / np.array(radii), axis=1)
-        return (1 - scaled) * min(radii)
+        result: np.ndarray = (1 - scaled) * min(radii)
+        return result
 
     up, down = np.clip(z, 0, None), np.clip(-z, 0, None)
     wide = (90 + 0.03 * down) * (1 - 0.3 * (up / 136) ** 1.6)

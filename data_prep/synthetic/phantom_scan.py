@@ -90,7 +90,8 @@ def occupancy(vertices: np.ndarray, faces: np.ndarray, grid: Grid) -> np.ndarray
     nx, ny, nz = grid.size
     blocks = voxels.reshape(nz, z, ny, y, nx * x)
     counts = blocks.sum(axis=(1, 3), dtype=np.uint8).reshape(nz, ny, nx, x).sum(axis=3)
-    return (counts / np.float32(x * y * z)).astype(np.float32)
+    result: np.ndarray = (counts / np.float32(x * y * z)).astype(np.float32)
+    return result
 
 
 def segmented(
@@ -114,7 +115,8 @@ def segmented(
     )
     disturbance *= noise / disturbance.std()
     limited = np.clip(disturbance, -_FARTHEST_NOISE, _FARTHEST_NOISE)
-    return np.where(near, blurred + limited, blurred) > 0.5
+    result: np.ndarray = np.where(near, blurred + limited, blurred) > 0.5
+    return result
 
 
 def two_labels(
@@ -159,7 +161,8 @@ def inside(vertices: np.ndarray, faces: np.ndarray, grid: Grid) -> np.ndarray:
     filled.SetOutputScalarTypeToUnsignedChar()
     filled.Update()
     scalars = filled.GetOutput().GetPointData().GetScalars()
-    return vtk_to_numpy(scalars).reshape(nz, ny, nx).astype(bool)
+    result: np.ndarray = vtk_to_numpy(scalars).reshape(nz, ny, nx).astype(bool)
+    return result
 
 
 def _with_handle(share: np.ndarray, grid: Grid, handle: Handle) -> np.ndarray:

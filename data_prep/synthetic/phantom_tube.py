@@ -62,23 +62,27 @@ def _growth(points: np.ndarray) -> np.ndarray:
 
 def _bow(points: np.ndarray) -> np.ndarray:
     """Bent more or less, as seen from above: the ends move to the middle."""
-    return (1.2 - 3.6 * (points[:, 1:2] / 18) ** 2) * np.array([0.45, 0.0, 0.0])
+    result: np.ndarray = (1.2 - 3.6 * (points[:, 1:2] / 18) ** 2) * np.array([0.45, 0.0, 0.0])
+    return result
 
 
 def _arch(points: np.ndarray) -> np.ndarray:
     """Bent more or less, as seen from the side: the ends rise."""
-    return (3.6 * (points[:, 1:2] / 18) ** 2 - 1.2) * np.array([0.0, 0.0, 0.4])
+    result: np.ndarray = (3.6 * (points[:, 1:2] / 18) ** 2 - 1.2) * np.array([0.0, 0.0, 0.4])
+    return result
 
 
 def _wave(points: np.ndarray) -> np.ndarray:
     """Head, body and tail shifted sideways in turn."""
-    return np.sin(2 * np.pi * (points[:, 1:2] + 3) / 24) * np.array([0.8, 0.0, -0.4])
+    result: np.ndarray = np.sin(2 * np.pi * (points[:, 1:2] + 3) / 24) * np.array([0.8, 0.0, -0.4])
+    return result
 
 
 def _twist(points: np.ndarray) -> np.ndarray:
     """The head turns one way about the tube and the tail the other."""
     x, y, z = points.T
-    return np.column_stack([-z, np.zeros_like(x), x - 1]) * (0.12 * y / 18)[:, None]
+    result: np.ndarray = np.column_stack([-z, np.zeros_like(x), x - 1]) * (0.12 * y / 18)[:, None]
+    return result
 
 
 _MODES: tuple[Velocity, ...] = (

@@ -36,7 +36,8 @@ class Ellipsoid:
     def outside_mm(self, points: np.ndarray) -> np.ndarray:
         """(Q,) about the signed distance of points (Q, 3), negative inside."""
         local = self.axes.apply(points - self.centre, inverse=True) / self.radii
-        return (np.linalg.norm(local, axis=1) - 1) * self.radii.min()
+        result: np.ndarray = (np.linalg.norm(local, axis=1) - 1) * self.radii.min()
+        return result
 
 
 def random_family(
@@ -73,7 +74,8 @@ def varied(mean: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     for share, widths in _FLOWS:
         velocity = random_velocity(points, share * size, size * np.array(widths), generator)
         points = flow(points, velocity)
-    return points + centre
+    result: np.ndarray = points + centre
+    return result
 
 
 def _surface(

@@ -35,4 +35,5 @@ def renumbered(mesh: Mesh, generator: np.random.Generator) -> Mesh:
 
 def nearest_vertices(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """(R,) int: for points (R, 3) on the surface the vertex nearest to each."""
-    return cKDTree(mesh.vertices).query(points)[1].astype(np.int64)
+    result: np.ndarray = cKDTree(mesh.vertices).query(points)[1].astype(np.int64)
+    return result

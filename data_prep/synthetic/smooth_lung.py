@@ -47,35 +47,43 @@ def mode_fields() -> tuple[Field, ...]:
 
 def _breathing(points: np.ndarray) -> np.ndarray:
     """Taller or shorter; the apex stays and the base moves by 18 mm."""
-    return np.array([0, 0, 0.07]) * (points - CENTRE - [0, 0, _TOP])
+    result: np.ndarray = np.array([0, 0, 0.07]) * (points - CENTRE - [0, 0, _TOP])
+    return result
 
 
 def _depth(points: np.ndarray) -> np.ndarray:
     """Deeper or flatter from front to back: 7 mm at either wall."""
-    return np.array([0, 0.085, 0]) * (points - CENTRE)
+    result: np.ndarray = np.array([0, 0.085, 0]) * (points - CENTRE)
+    return result
 
 
 def _apex_lean(points: np.ndarray) -> np.ndarray:
     """The apex leans backwards and to the middle: 15 mm at the top, none at the base."""
     upward = (points[:, 2:] - CENTRE[2] + _TOP) / _HEIGHT
-    return 15.0 * upward**2 * np.array([-0.5, 0.87, 0])
+    result: np.ndarray = 15.0 * upward**2 * np.array([-0.5, 0.87, 0])
+    return result
 
 
 def _base_tilt(points: np.ndarray) -> np.ndarray:
     """The base tilts: its back goes down and its front up, 9 mm at 75 mm from the centre."""
     downward = (_TOP + CENTRE[2] - points[:, 2:]) / _HEIGHT
-    return 9.0 * downward**2 * (points[:, 1:2] - CENTRE[1]) / 75 * np.array([0, 0, -1.0])
+    result: np.ndarray = (
+        9.0 * downward**2 * (points[:, 1:2] - CENTRE[1]) / 75 * np.array([0, 0, -1.0])
+    )
+    return result
 
 
 def _cardiac_notch(points: np.ndarray) -> np.ndarray:
     """The heart presses in: 8 mm at the hollow, fading over 34 mm."""
     squared = ((points - CENTRE - [-25.0, -45.0, -40.0]) ** 2).sum(axis=1, keepdims=True)
-    return 8.0 * np.exp(-squared / (2 * 34.0**2)) * np.array([0.8, 0.6, 0])
+    result: np.ndarray = 8.0 * np.exp(-squared / (2 * 34.0**2)) * np.array([0.8, 0.6, 0])
+    return result
 
 
 def _width(points: np.ndarray) -> np.ndarray:
     """Wider or narrower from side to side: 4 mm at either wall."""
-    return np.array([0.08, 0, 0]) * (points - CENTRE)
+    result: np.ndarray = np.array([0.08, 0, 0]) * (points - CENTRE)
+    return result
 
 
 def _outside_mm(points: np.ndarray) -> np.ndarray:
@@ -88,7 +96,8 @@ def _outside_mm(points: np.ndarray) -> np.ndarray:
 
     def ball(centre: tuple[float, float, float], radii: tuple[float, float, float]) -> np.ndarray:
         scaled = np.linalg.norm((points - centre) / np.array(radii), axis=1)
-        return (1 - scaled) * min(radii)
+        result: np.ndarray = (1 - scaled) * min(radii)
+        return result
 
     mediastinum = -(x + 38 + 0.0012 * (y - 5) ** 2)
     diaphragm = ball((-8.0, -18.0, -160.0), (92.0, 96.0, 82.0))
@@ -97,4 +106,5 @@ def _outside_mm(points: np.ndarray) -> np.ndarray:
     blended = _BLEND_MM * np.log(np.exp(solid / _BLEND_MM).sum(axis=0))
     hilum = np.exp(-((x + 40) ** 2 / 30**2 + (y - 14) ** 2 / 17**2 + (z - 12) ** 2 / 24**2))
     aorta = np.exp(-((x + 38) ** 2 / 26**2 + (y - 46) ** 2 / 12**2 + (z + 10) ** 2 / 90**2))
-    return blended + 11 * hilum + 6 * aorta
+    result: np.ndarray = blended + 11 * hilum + 6 * aorta
+    return result

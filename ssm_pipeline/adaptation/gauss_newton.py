@@ -110,4 +110,5 @@ class _System:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        return factor.solve(right.ravel()).reshape(-1, 3)
+        result: np.ndarray = factor.solve(right.ravel()).reshape(-1, 3)
+        return result

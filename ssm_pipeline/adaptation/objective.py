@@ -113,4 +113,5 @@ class AdaptationObjective:
             total += 2 * self.pull.weights[:, None] * gap
         for d in range(3):
             total[:, d] += np.bincount(corners, spread[:, d], len(self.vertices))
-        return total
+        result: np.ndarray = total
+        return result

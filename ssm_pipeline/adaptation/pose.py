@@ -44,7 +44,8 @@ def pose_path(
     place = closest_points(fine, network_template.vertices, network_template.faces)
     corners = network_template.faces[place.faces]
     moved = interpolated(X - network_template.vertices, corners, place.barycentric)
-    return template.vertices + moved
+    result: np.ndarray = template.vertices + moved
+    return result
 
 
 def carried_case(

@@ -42,7 +42,8 @@ def fingerprint(mesh: Mesh) -> dict[str, float]:
 def log_spectra(table: pd.DataFrame) -> np.ndarray:
     """(N, EIGENVALUES): logarithms of the eigenvalues of a table of fingerprints."""
     columns = [f"eigenvalue_{k}" for k in range(1, EIGENVALUES + 1)]
-    return np.log(table[columns].to_numpy(float))
+    result: np.ndarray = np.log(table[columns].to_numpy(float))
+    return result
 
 
 def typical_cases(case_ids: Sequence[str], table: pd.DataFrame) -> tuple[str, ...]:

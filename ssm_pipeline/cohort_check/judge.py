@@ -29,7 +29,8 @@ def robust_z(values: np.ndarray) -> np.ndarray:
     """
     away = values - np.median(values)
     spread = 1.4826 * float(np.median(np.abs(away)))
-    return away / max(spread, float(np.log(ORDINARY)) / STRIKING_Z)
+    result: np.ndarray = away / max(spread, float(np.log(ORDINARY)) / STRIKING_Z)
+    return result
 
 
 def is_handed(mirrored_ratios: np.ndarray) -> bool:

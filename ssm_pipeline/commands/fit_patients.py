@@ -198,9 +198,10 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
         shapes.template_id,
     )
     rounds = settings.groupwise
-    return groupwise_rounds(
+    result: np.ndarray = groupwise_rounds(
         with_patient, [surface], rounds, match_patient, mean_of=shapes.case_ids
     ).vertices[-1]
+    return result
 
 
 def _refuse_doubled(files: Sequence[Path]) -> None:

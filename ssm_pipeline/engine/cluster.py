@@ -54,7 +54,7 @@ class DaskCluster:
         self._await_the_end_of(stage_folder)
         here, token = Here(Path.cwd(), process.versions()), uuid.uuid4().hex
         waiting, sent = iter(tasks), {}
-        done: queue.Queue[Future] = queue.Queue()
+        done: queue.Queue[Future[CaseResult]] = queue.Queue()
 
         def send(count: int) -> None:
             for task in itertools.islice(waiting, count):
@@ -69,12 +69,12 @@ class DaskCluster:
             send(1)
             yield _result(future, task, stage_folder)
 
-    def _sent(self, key: str, task: CaseTask, stage_folder: Path, here: Here) -> Future:
+    def _sent(self, key: str, task: CaseTask, stage_folder: Path, here: Here) -> Future[CaseResult]:
         return self.client.submit(
             _on_worker, task, stage_folder, here, self.memory_gb, key=key, pure=False
         )
 
-    def _next(self, done: queue.Queue[Future]) -> Future:
+    def _next(self, done: queue.Queue[Future[CaseResult]]) -> Future[CaseResult]:
         alone_since = None
         while True:
             try:
@@ -193,7 +193,7 @@ def _count_at_work(prefix: str, dask_worker: Worker) -> int:
     return sum(str(task.key).startswith(prefix) for task in dask_worker.state.executing)
 
 
-def _result(future: Future, task: CaseTask, stage_folder: Path) -> CaseResult:
+def _result(future: Future[CaseResult], task: CaseTask, stage_folder: Path) -> CaseResult:
     """What the worker says, once its files are seen here. Raises what it raised."""
     from distributed import CancelledError, KilledWorker
 
@@ -223,4 +223,5 @@ def _result(future: Future, task: CaseTask, stage_folder: Path) -> CaseResult:
             )
         time.sleep(0.5)
         [*stage_folder.iterdir()]  # makes a network file system look again
-    return result
+    returned: CaseResult = result
+    return returned

@@ -27,7 +27,8 @@ def peak_memory_mb() -> float:
     except (OSError, StopIteration):
         memory = psutil.Process().memory_info()
         # Windows keeps the peak; macOS does not, so that it is today's size there.
-        return getattr(memory, "peak_wset", memory.rss) / 2**20
+        result: float = getattr(memory, "peak_wset", memory.rss) / 2**20
+        return result
 
 
 @contextmanager

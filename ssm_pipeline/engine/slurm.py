@@ -40,7 +40,7 @@ def on_slurm(settings: SlurmSettings) -> Iterator[Client]:
     job.
     """
     distributed = dask()
-    from dask_jobqueue import SLURMCluster
+    from dask_jobqueue.slurm import SLURMCluster
 
     if shutil.which("sbatch") is None:
         raise StudyError(

@@ -104,4 +104,5 @@ def _measured(shapes: np.ndarray, times: np.ndarray, faces: np.ndarray) -> pd.Da
 
 
 def _distortions(shape: np.ndarray, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    return np.minimum(conformal_distortion(rest, shape, faces), WORST)
+    result: np.ndarray = np.minimum(conformal_distortion(rest, shape, faces), WORST)
+    return result

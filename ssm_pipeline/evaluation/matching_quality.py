@@ -18,7 +18,8 @@ def geodesic_errors(
     Returns           (Q,); the usual "mean geodesic error ×100" is 100 times the mean.
     Source: Kim, Lipman and Funkhouser 2011.
     """
-    return distances[predicted, truth] / np.sqrt(area)
+    result: np.ndarray = distances[predicted, truth] / np.sqrt(area)
+    return result
 
 
 def pck_curve(errors: np.ndarray, limit: float = PCK_LIMIT, steps: int = 100) -> pd.DataFrame:

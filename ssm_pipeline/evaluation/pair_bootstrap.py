@@ -96,4 +96,5 @@ def means_over_pairs(
 def as_matrix(pairs: pd.DataFrame, column: str, cases: Sequence[str]) -> np.ndarray:
     """(N, N), from case (row) to case (column); NaN where the table has no such pair."""
     table = pairs.pivot(index="from_case_id", columns="case_id", values=column)
-    return table.reindex(index=list(cases), columns=list(cases)).to_numpy(dtype=float)
+    result: np.ndarray = table.reindex(index=list(cases), columns=list(cases)).to_numpy(dtype=float)
+    return result

@@ -116,7 +116,8 @@ def seen_in(points: ClosestPoints, truth: PhantomTruth, case_ids: tuple[str, ...
     if truth.seen is None:
         return np.ones((len(case_ids), len(points.faces)), bool)
     shown = truth.seen[[truth.case_ids.index(case_id) for case_id in case_ids]]
-    return np.all(shown[:, truth.faces[points.faces]], axis=2)
+    result: np.ndarray = np.all(shown[:, truth.faces[points.faces]], axis=2)
+    return result
 
 
 def recovered_modes(
@@ -178,4 +179,5 @@ def _without_rigid(modes: np.ndarray, shape: np.ndarray) -> np.ndarray:
     turns = [np.cross(axis, centred) for axis in axes]
     rigid = orth(np.stack([*translations, *turns]).reshape(6, -1).T)
     flat = modes.reshape(len(modes), -1).T
-    return orth(flat - rigid @ (rigid.T @ flat))
+    result: np.ndarray = orth(flat - rigid @ (rigid.T @ flat))
+    return result

@@ -76,7 +76,8 @@ def drawn_scores(model: ShapeModel, weights: np.ndarray) -> np.ndarray:
     which has the model's covariance exactly. Two models of the same cases then draw alike: of one
     and the same correspondence the same shapes, whatever the order and signs of their modes.
     """
-    return weights @ model.scores / np.sqrt(len(model.case_ids) - 1)
+    result: np.ndarray = weights @ model.scores / np.sqrt(len(model.case_ids) - 1)
+    return result
 
 
 def _row(
@@ -246,7 +247,8 @@ def nearest_surface(
 
 def even_samples(mesh: Mesh, count: int, generator: np.random.Generator) -> np.ndarray:
     samples = sample_points(mesh.vertices, mesh.faces, count, generator)
-    return samples[spatial_order(samples)]
+    result: np.ndarray = samples[spatial_order(samples)]
+    return result
 
 
 def _thinned(points: np.ndarray, count: int) -> np.ndarray:

@@ -70,5 +70,6 @@ def row_names(table: pd.DataFrame) -> list[str]:
         chosen = (words + numbers)[:count]
         names = table[chosen].astype(str).agg(", ".join, axis=1).tolist()
         if len(set(names)) == len(names):
-            return names
+            result: list[str] = names
+            return result
     return [f"{name}, {number + 1}" for number, name in enumerate(names)]

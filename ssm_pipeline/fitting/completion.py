@@ -75,7 +75,8 @@ def calibrated_radius(
     for group in (observed, ~observed):
         if group.any():
             radius[group] = np.quantile(ratios[:, group], COVERAGE) * sd[group]
-    return radius
+    result: np.ndarray = radius
+    return result
 
 
 def fits_of_parts(

@@ -135,7 +135,8 @@ def surface_variance(model: ShapeModel, fitted: Fit) -> np.ndarray:
     normals = vertex_normals(model.reconstruct(fitted.scores), model.faces)
     along = np.einsum("mvd,vd->vm", model.modes, normals) * model.standard_deviations
     left_open = np.einsum("vm,mn,vn->v", along, fitted.covariance, along)
-    return fitted.frame.scale**2 * (left_open + fitted.noise_mm**2)
+    result: np.ndarray = fitted.frame.scale**2 * (left_open + fitted.noise_mm**2)
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +159,8 @@ class _Pairs:
     @property
     def residuals(self) -> np.ndarray:
         """(K,) mm along the normals."""
-        return np.einsum("kd,kd->k", self.normals, self.goals - self.at)
+        result: np.ndarray = np.einsum("kd,kd->k", self.normals, self.goals - self.at)
+        return result
 
     def spread(self) -> float:
         """Robust standard deviation of the residuals, mm."""

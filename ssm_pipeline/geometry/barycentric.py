@@ -20,4 +20,5 @@ def interpolated(values: np.ndarray, corners: np.ndarray, weights: np.ndarray) -
     total = values[..., corners[:, 0], :] * weights[:, 0, None]
     for corner in range(1, corners.shape[1]):
         total += values[..., corners[:, corner], :] * weights[:, corner, None]
-    return total
+    result: np.ndarray = total
+    return result

@@ -27,7 +27,8 @@ class PointTarget:
     def distances_to(self, queries: np.ndarray) -> np.ndarray:
         """(Q,) float32: from each query (Q, 3) to the nearest of the points."""
         distances, _ = self.tree.query(np.ascontiguousarray(queries, dtype=np.float32))
-        return distances
+        result: np.ndarray = distances
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,8 @@ class SurfaceTarget:
         """(Q,) exact distance from each query (Q, 3) to the nearest point of the triangles."""
         queries = np.ascontiguousarray(queries, dtype=np.float64)
         squared = self.tree.squared_distance(self.vertices, self.faces, queries)[0]
-        return np.sqrt(np.maximum(squared, 0))
+        result: np.ndarray = np.sqrt(np.maximum(squared, 0))
+        return result
 
 
 @dataclass(frozen=True)

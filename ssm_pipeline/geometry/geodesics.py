@@ -89,7 +89,8 @@ def geodesics_from(
     inf beyond `limit` and on other components.
     """
     graph = straight_line_graph(vertices, faces)
-    return dijkstra(graph, directed=True, indices=np.asarray(sources), limit=limit)
+    result: np.ndarray = dijkstra(graph, directed=True, indices=np.asarray(sources), limit=limit)
+    return result
 
 
 def geodesic_matrix(
@@ -153,7 +154,8 @@ def geodesics_between(
         block = order[first : first + _CHUNK]
         between[block] = _between_vertices(graph, corner_a[block], corner_b[block], chord[block])
     straight = np.linalg.norm(start.points - end.points, axis=1)
-    return straight + np.maximum(between - chord, 0)
+    result: np.ndarray = straight + np.maximum(between - chord, 0)
+    return result
 
 
 def _between_vertices(

@@ -30,7 +30,8 @@ class Similarity:
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """(…, 3) → (…, 3)."""
-        return self.scale * points @ self.rotation.T + self.translation
+        result: np.ndarray = self.scale * points @ self.rotation.T + self.translation
+        return result
 
     def inverse(self) -> Similarity:
         rotation = self.rotation.T

@@ -19,7 +19,8 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(F,) in the vertices' unit, squared."""
-    return 0.5 * np.linalg.norm(_normals_times_twice_area(vertices, faces), axis=1)
+    result: np.ndarray = 0.5 * np.linalg.norm(_normals_times_twice_area(vertices, faces), axis=1)
+    return result
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -91,4 +92,7 @@ def _normals_times_twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.nda
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    result: np.ndarray = vectors / np.maximum(
+        np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300
+    )
+    return result

@@ -45,7 +45,8 @@ def euler_number(faces: np.ndarray) -> int:
 def boundary_edges(faces: np.ndarray) -> np.ndarray:
     """(B, 2) directed edges that belong to one face only; empty for a closed mesh."""
     _, inverse, count = np.unique(_undirected_keys(faces), return_inverse=True, return_counts=True)
-    return directed_edges(faces)[count[inverse] == 1]
+    result: np.ndarray = directed_edges(faces)[count[inverse] == 1]
+    return result
 
 
 def boundary_loop_count(faces: np.ndarray) -> int:
@@ -81,7 +82,8 @@ def face_components(faces: np.ndarray) -> np.ndarray:
     directed = directed_edges(faces)
     count = int(faces.max()) + 1
     graph = sp.coo_matrix((np.ones(len(directed), bool), directed.T), shape=(count, count))
-    return connected_components(graph, directed=False)[1][faces[:, 0]]
+    result: np.ndarray = connected_components(graph, directed=False)[1][faces[:, 0]]
+    return result
 
 
 def submesh_faces(faces: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -94,7 +96,8 @@ def submesh_faces(faces: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     inside = np.flatnonzero(vertices < len(number))
     number[vertices[inside]] = inside
     renumbered = number[faces]
-    return renumbered[(renumbered >= 0).all(axis=1)]
+    result: np.ndarray = renumbered[(renumbered >= 0).all(axis=1)]
+    return result
 
 
 def min_angle_deg(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -113,7 +116,8 @@ def min_angle_deg(vertices: np.ndarray, faces: np.ndarray) -> float:
 def _undirected_keys(faces: np.ndarray) -> np.ndarray:
     """(3F,) one number an edge, the same from both sides: sorts ten times faster than pairs."""
     directed = directed_edges(faces)
-    return directed.min(axis=1) * (int(faces.max()) + 1) + directed.max(axis=1)
+    result: np.ndarray = directed.min(axis=1) * (int(faces.max()) + 1) + directed.max(axis=1)
+    return result
 
 
 def _component_count(links: np.ndarray, node_count: int) -> int:

@@ -32,7 +32,8 @@ class EdgeConvBlock(nn.Module):
         h = torch.relu(self.centre(x) + ring)
         # The pooled channels are the same at every vertex: one product per shape, then added.
         pooled = self.pooled(h.amax(dim=1, keepdim=True))
-        return x + self.last(torch.relu(self.local(h) + pooled))
+        result: torch.Tensor = x + self.last(torch.relu(self.local(h) + pooled))
+        return result
 
 
 class Interpolator(nn.Module):
@@ -61,12 +62,14 @@ class Interpolator(nn.Module):
         x = self.first(torch.cat([spatial, t], dim=2))
         for block in self.blocks:
             x = block(x, neighbours)
-        return vertices + times[:, None, None] * self.last(x)
+        result: torch.Tensor = vertices + times[:, None, None] * self.last(x)
+        return result
 
 
 def ring_maximum(values: torch.Tensor, neighbours: torch.Tensor) -> torch.Tensor:
     """Maximum over each vertex's one-ring and itself: (T, V, C), (V, R) → (T, V, C)."""
-    return _RingMaximum.apply(values, neighbours)
+    result: torch.Tensor = _RingMaximum.apply(values, neighbours)  # type: ignore[no-untyped-call]
+    return result
 
 
 class _RingMaximum(torch.autograd.Function):

@@ -112,4 +112,5 @@ def _columns(poses: torch.Tensor) -> torch.Tensor:
 
 def _times(columns: torch.Tensor) -> torch.Tensor:
     """(V, 3T) → (T, V, 3)."""
-    return columns.unflatten(1, (-1, 3)).transpose(0, 1)
+    result: torch.Tensor = columns.unflatten(1, (-1, 3)).transpose(0, 1)
+    return result

@@ -43,7 +43,8 @@ class DiffusionBlock(nn.Module):
         turned_x = self.real(along_x) - self.imaginary(along_y)
         turned_y = self.real(along_y) + self.imaginary(along_x)
         gradient_features = torch.tanh(along_x * turned_x + along_y * turned_y)
-        return x + self.mlp(torch.cat([x, diffused, gradient_features], dim=1))
+        result: torch.Tensor = x + self.mlp(torch.cat([x, diffused, gradient_features], dim=1))
+        return result
 
 
 class FeatureNetwork(nn.Module):

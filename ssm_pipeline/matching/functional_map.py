@@ -34,7 +34,9 @@ def functional_map(
     Gram matrix of untrained features is close to singular.
     """
     A, B = spectral_x.double(), spectral_y.double()
-    return _RidgeRows.apply(A @ A.T, B @ A.T, penalty.double()).to(spectral_x.dtype)
+    gram, right = A @ A.T, B @ A.T
+    rows: torch.Tensor = _RidgeRows.apply(gram, right, penalty.double())  # type: ignore[no-untyped-call]
+    return rows.to(spectral_x.dtype)
 
 
 class _RidgeRows(torch.autograd.Function):

@@ -27,7 +27,10 @@ def soft_maps(
     """
     F_x = torch.nn.functional.normalize(features_x, dim=1)
     F_y = torch.nn.functional.normalize(features_y, dim=1)
-    return _SoftMaps.apply(F_x, F_y, values_x, values_y, temperature, block_rows)
+    result: tuple[torch.Tensor, torch.Tensor] = _SoftMaps.apply(  # type: ignore[no-untyped-call]
+        F_x, F_y, values_x, values_y, temperature, block_rows
+    )
+    return result
 
 
 class _SoftMaps(torch.autograd.Function):

@@ -22,7 +22,8 @@ class SparseMatrix:
 
     def __matmul__(self, dense: torch.Tensor) -> torch.Tensor:
         """(R, V) @ (V, C) → (R, C)."""
-        return _Product.apply(dense, self)
+        result: torch.Tensor = _Product.apply(dense, self)  # type: ignore[no-untyped-call]
+        return result
 
 
 def _to_torch(matrix: sp.csr_matrix, device: torch.device, dtype: torch.dtype) -> torch.Tensor:

@@ -83,7 +83,10 @@ def _apply_along(weights: sp.csr_array, values: np.ndarray, axis: int) -> np.nda
     """weights (new, old) applied along one axis of values (Z, Y, X)."""
     if axis == 0:
         flat = values.reshape(values.shape[0], -1)
-        return (weights @ flat.astype(np.float32, copy=False)).reshape(-1, *values.shape[1:])
+        returned: np.ndarray = (weights @ flat.astype(np.float32, copy=False)).reshape(
+            -1, *values.shape[1:]
+        )
+        return returned
     shape = list(values.shape)
     shape[axis] = weights.shape[0]
     result = np.empty(shape, np.float32)

@@ -91,7 +91,8 @@ class Mask:
         Returns:
             `(…, 3)` mm LPS.
         """
-        return (index_xyz * self.spacing_mm) @ self.direction.T + self.origin_mm
+        result: np.ndarray = (index_xyz * self.spacing_mm) @ self.direction.T + self.origin_mm
+        return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,7 +134,8 @@ class ShapePath:
         w = (t - low) / (high - low)
         pose = (1 - w) * self.pose[upper - 1] + w * self.pose[upper]
         offset = (1 - w) * self.offsets[upper - 1] + w * self.offsets[upper]
-        return pose + t_s * offset
+        result: np.ndarray = pose + t_s * offset
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,10 @@ class CorrespondedShapes:
     def template(self) -> np.ndarray:
         """(V, 3) mm: the template's own shape; the first case's where the template is left out."""
         in_cohort = self.template_id in self.case_ids
-        return self.vertices[self.case_ids.index(self.template_id) if in_cohort else 0]
+        result: np.ndarray = self.vertices[
+            self.case_ids.index(self.template_id) if in_cohort else 0
+        ]
+        return result
 
     def subset(self, indices: Sequence[int] | np.ndarray) -> CorrespondedShapes:
         """The cases at these places, in this order, on the same template."""

@@ -63,7 +63,8 @@ class SurfaceLabels:
     @property
     def labels(self) -> np.ndarray:
         """(V,) int."""
-        return self.values[self.shares.argmax(axis=1)]
+        result: np.ndarray = self.values[self.shares.argmax(axis=1)]
+        return result
 
 
 @dataclass(frozen=True, eq=False)

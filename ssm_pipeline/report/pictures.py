@@ -14,7 +14,8 @@ from ssm_pipeline.shape_model.model import ShapeModel
 def signed_distance(vertices: np.ndarray, model: ShapeModel) -> np.ndarray:
     """(V,) mm: displacement from the mean along the mean's outward normal."""
     normals = vertex_normals(model.mean, model.faces)
-    return np.einsum("vd,vd->v", vertices - model.mean, normals)
+    result: np.ndarray = np.einsum("vd,vd->v", vertices - model.mean, normals)
+    return result
 
 
 def mode_range_mm(model: ShapeModel, count: int, deviations: float) -> float:

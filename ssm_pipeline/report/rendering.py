@@ -105,4 +105,5 @@ def _surface(scene: Scene, centre: np.ndarray) -> pv.PolyData:
         surface.point_data["paint"] = scene.values
     elif scene.colours is not None:
         surface.point_data["paint"] = scene.colours
-    return surface
+    result: pv.PolyData = surface
+    return result

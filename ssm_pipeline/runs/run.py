@@ -95,7 +95,10 @@ class Run:
 
     @property
     def template_id(self) -> str:
-        return storage.read_json(self._file("correspondence", "template.json"))["template_id"]
+        result: str = storage.read_json(self._file("correspondence", "template.json"))[
+            "template_id"
+        ]
+        return result
 
     def mesh(self, case_id: str) -> Mesh:
         """A case's own surface, in its own millimetres (LPS)."""
@@ -162,7 +165,10 @@ class Run:
 
     @property
     def settings(self) -> dict[str, Any]:
-        return yaml.safe_load(self._file("study.yaml").read_text(encoding="utf-8"))
+        result: dict[str, Any] = yaml.safe_load(
+            self._file("study.yaml").read_text(encoding="utf-8")
+        )
+        return result
 
     def _file(self, *parts: str) -> Path:
         """A file of a stage. Raises StudyError if it is absent, or its stage was cut off."""

@@ -82,4 +82,5 @@ def _similarly(mean: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def _affinely(mean: np.ndarray, points: np.ndarray) -> np.ndarray:
     with_one = np.column_stack([mean, np.ones(len(mean))])
-    return with_one @ np.linalg.lstsq(with_one, points, rcond=None)[0]
+    result: np.ndarray = with_one @ np.linalg.lstsq(with_one, points, rcond=None)[0]
+    return result

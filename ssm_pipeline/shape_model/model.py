@@ -70,17 +70,20 @@ class ShapeModel:
     @property
     def standard_deviations(self) -> np.ndarray:
         """(M,) mm."""
-        return np.sqrt(self.variances)
+        result: np.ndarray = np.sqrt(self.variances)
+        return result
 
     @property
     def compactness(self) -> np.ndarray:
         """(M,) share of the total variance in the first m modes (Davies 2002)."""
-        return np.cumsum(self.variances) / self.variances.sum()
+        result: np.ndarray = np.cumsum(self.variances) / self.variances.sum()
+        return result
 
     @property
     def vertex_covariances(self) -> np.ndarray:
         """(V, 3, 3) mm²: how each vertex varies over the model's shapes."""
-        return np.einsum("m,mvd,mve->vde", self.variances, self.modes, self.modes)
+        result: np.ndarray = np.einsum("m,mvd,mve->vde", self.variances, self.modes, self.modes)
+        return result
 
     def modes_for(self, share: float) -> int:
         """The smallest number of modes that holds `share` (0 … 1) of the variance."""
@@ -106,7 +109,10 @@ class ShapeModel:
         To fit the model to a surface, use `ssm_pipeline.fit`.
         """
         flat = (self._corresponding(points) - self.mean).reshape(*np.shape(points)[:-2], -1)
-        return flat @ self.modes.reshape(self.mode_count, -1).T / self.standard_deviations
+        result: np.ndarray = (
+            flat @ self.modes.reshape(self.mode_count, -1).T / self.standard_deviations
+        )
+        return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """The nearest shape that the model can take, (…, V, 3) mm, to corresponding, aligned points
@@ -120,7 +126,8 @@ class ShapeModel:
         scores = np.asarray(scores, dtype=np.float64)
         if scores.shape[-1] != self.mode_count:
             raise ValueError(f"{scores.shape[-1]} scores given; the model has {self.mode_count}")
-        return -0.5 * ((scores**2).sum(axis=-1) + self.mode_count * np.log(2 * np.pi))
+        result: np.ndarray = -0.5 * ((scores**2).sum(axis=-1) + self.mode_count * np.log(2 * np.pi))
+        return result
 
     def sample(self, count: int, generator: np.random.Generator) -> np.ndarray:
         """(count, V, 3) mm: independent draws from the model's normal distribution."""

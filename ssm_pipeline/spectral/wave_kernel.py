@@ -19,4 +19,5 @@ def wave_kernel_signature(
     energies = np.linspace(log_values[0], log_values[-1] / 1.02, count)
     sigma = 7 * abs(energies[1] - energies[0])
     weights = np.exp(-((energies[None, :] - log_values[:, None]) ** 2) / (2 * sigma**2))
-    return eigenvectors[:, positive] ** 2 @ (weights / weights.sum(axis=0))
+    result: np.ndarray = eigenvectors[:, positive] ** 2 @ (weights / weights.sum(axis=0))
+    return result

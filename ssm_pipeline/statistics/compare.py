@@ -140,7 +140,8 @@ def modes_carried(model: ShapeModel, matrix: np.ndarray, wanted: int | None = No
             f"of freedom; {CASES_PER_MODE} or more are needed for one mode. Add cases."
         )
     if wanted is None:
-        return min(model.modes_for(SHARE), most)
+        result: int = min(model.modes_for(SHARE), most)
+        return result
     if not 1 <= wanted <= most:
         raise StudyError(
             f"{wanted} modes can't be tested together with {len(matrix)} cases and "

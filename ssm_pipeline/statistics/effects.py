@@ -11,7 +11,8 @@ def coefficients(values: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """(P, …) least-squares coefficients of values (N, …) on a design (N, P)."""
     flat = values.reshape(len(values), -1)
     solved = np.linalg.lstsq(matrix, flat, rcond=None)[0]
-    return solved.reshape(matrix.shape[1], *values.shape[1:])
+    result: np.ndarray = solved.reshape(matrix.shape[1], *values.shape[1:])
+    return result
 
 
 def explained_share(values: np.ndarray, matrix: np.ndarray, tested: list[int]) -> float:

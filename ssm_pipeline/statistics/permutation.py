@@ -32,7 +32,8 @@ class _Split:
     added: np.ndarray
 
     def without_nuisance(self, values: np.ndarray) -> np.ndarray:
-        return values - self.nuisance @ (self.nuisance.T @ values)
+        result: np.ndarray = values - self.nuisance @ (self.nuisance.T @ values)
+        return result
 
     def permuted(self, count: int, generator: np.random.Generator) -> Iterator[np.ndarray]:
         """The residuals as they are, then `count` times permuted and freed of the nuisance."""

@@ -116,4 +116,5 @@ class StudySettings(Settings):
 
     def to_yaml(self) -> str:
         content: dict[str, Any] = self.model_dump(mode="json")
-        return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        result: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        return result

@@ -14,7 +14,7 @@ import yaml
 DEEPEST = 50  # sections within sections; a hundred thousand brackets would end the process
 
 
-class SettingsLoader(yaml.SafeLoader):
+class SettingsLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
     """PyYAML's safe loader with the scalars of YAML 1.2. Raises YAMLError for a repeated key."""
 
     depth = 0
@@ -36,7 +36,8 @@ class SettingsLoader(yaml.SafeLoader):
                     problem=f"the key {key} is given twice", problem_mark=key_node.start_mark
                 )
             seen.add(key if isinstance(key, str) else None)
-        return super().construct_mapping(node, deep)
+        result: dict[Any, Any] = super().construct_mapping(node, deep)
+        return result
 
 
 # Each a part of what YAML 1.1 takes for such a scalar, so that what is dumped is read back.

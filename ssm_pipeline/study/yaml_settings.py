@@ -46,7 +46,8 @@ def parse_change(change: str) -> dict[str, Any]:
         raise StudyError(f"--set {change}: the value is not readable as YAML: {error}") from error
     for name in reversed(names):
         value = {name: value}
-    return value
+    result: dict[str, Any] = value
+    return result
 
 
 def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:

@@ -73,7 +73,8 @@ class Matcher:
         Returns:
             `(V, channels)`, of any length.
         """
-        return self.networks.features(shape)
+        result: torch.Tensor = self.networks.features(shape)
+        return result
 
     def hard_map(self, shape_x: Shape, shape_y: Shape, projects: bool = True) -> torch.Tensor:
         """The vertex of Y that corresponds to each vertex of X, by the nearest features.
@@ -129,9 +130,10 @@ class Matcher:
         Returns:
             `(T, V, 3)`, unit area.
         """
-        return self.networks.interpolator(
+        result: torch.Tensor = self.networks.interpolator(
             shape.vertices, target, times.to(target), shape.neighbours
         )
+        return result
 
     def save(self, path: str | Path, packed: bool = False) -> None:
         """Write the matcher to a file, which `load_matcher` reads.

@@ -37,7 +37,8 @@ class Pairs:
         if self.listed is None:
             return self._drawn(np.random.default_rng([self.seed, index]))
         epoch, position = divmod(index, self.count)
-        return self.listed[_order(self.seed, epoch, self.count)[position]]
+        result: tuple[int, int] = self.listed[_order(self.seed, epoch, self.count)[position]]
+        return result
 
     def _all(self) -> list[tuple[int, int]]:
         every = itertools.combinations(range(len(self.families)), 2)

@@ -216,7 +216,8 @@ def _random_turn(largest_deg: float) -> torch.Tensor:
     angle = math.radians(largest_deg) * torch.rand(1)
     cross = torch.zeros(3, 3)
     cross[[2, 0, 1], [1, 2, 0]], cross[[1, 2, 0], [2, 0, 1]] = axis, -axis
-    return torch.linalg.matrix_exp(angle * cross)
+    result: torch.Tensor = torch.linalg.matrix_exp(angle * cross)
+    return result
 
 
 def hash_of(seed: int, step: int) -> int:

@@ -77,7 +77,7 @@ class TAGConv(nn.Module):
         """(n, inputs) → (n, outputs)."""
         hopped = [x]
         for _ in range(self.hops):
-            hopped.append(_Hop.apply(hopped[-1], graph))
+            hopped.append(_Hop.apply(hopped[-1], graph))  # type: ignore[no-untyped-call]
         return torch.addmm(self.bias, torch.cat(hopped, dim=1), self.weight)
 
 

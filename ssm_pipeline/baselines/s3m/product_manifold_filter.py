@@ -25,4 +25,5 @@ def filtered_bijection(
     K_y = np.exp(-0.5 * geodesic_y**2).astype(np.float32)
     density = K_y @ K_x[y_to_x]  # (n_y, n_x): Σ_p K_y(y, p) K_x(x, match of p)
     _, x_of_y = linear_sum_assignment(density, maximize=True)
-    return x_of_y
+    result: np.ndarray = x_of_y
+    return result
