@@ -1,4 +1,4 @@
-"""The shapes of a matching benchmark: a folder of the literature's, or made here."""
+"""The shapes of a matching benchmark: read from a published data set, or generated."""
 
 from __future__ import annotations
 
@@ -22,7 +22,14 @@ _GENERATOR_VERSION = 1  # raise it when the same settings give other figures
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkShapes:
-    """meshes: all of the set; train, test: numbers of the shapes; pairs: tested, truth known."""
+    """The shapes of a benchmark.
+
+    Attributes:
+        meshes: All of the set.
+        train: Indices of the shapes that are trained on.
+        test: Indices of the shapes that are matched.
+        pairs: The tested pairs, with their known correspondences.
+    """
 
     name: str
     meshes: tuple[Mesh, ...]
@@ -32,7 +39,7 @@ class BenchmarkShapes:
 
 
 def benchmark_shapes(name: str, data: Path, settings: MatchingBenchmarkSettings) -> BenchmarkShapes:
-    """Read the folder in whichever layout it has. Raises StudyError, CaseError."""
+    """Read a folder in any of the known layouts. Raises StudyError, CaseError."""
     shapes = read_matching_folder(data, settings.between)
     return _chosen(name, shapes, data, settings.train, settings.test, settings)
 
@@ -48,7 +55,7 @@ def built_in_shapes(
     }
     marker = folder / "figures.json"
     if not marker.is_file() or storage.read_json(marker) != stated:
-        marker.unlink(missing_ok=True)  # first: half a folder is never taken for a whole one
+        marker.unlink(missing_ok=True)  # first, so that an incomplete folder is never used
         for path in (*folder.glob("off/*.off"), *folder.glob("corres/*.vts")):
             path.unlink()
         count = figures.training_shapes + figures.test_shapes
@@ -93,7 +100,7 @@ def _chosen(
         for option, text in (("--train", train), ("--test", test))
     )
     pairs = shapes.known_pairs(test_on, settings.self_pairs)
-    pairs = sorted(pairs, key=lambda pair: pair.x)  # distances are read once a shape
+    pairs = sorted(pairs, key=lambda pair: pair.x)  # so that distances are read once per shape
     return BenchmarkShapes(name, shapes.meshes, tuple(train_on), tuple(test_on), tuple(pairs))
 
 

@@ -38,7 +38,7 @@ DEFAULT_METHODS: tuple[str, ...] = tuple(
 
 
 class MatchingBenchmarkSettings(Settings):
-    """What is trained and tested. Shapes are tested as they come, and trained on coarser."""
+    """What is trained and tested. Shapes are tested as they are; training uses coarser ones."""
 
     seed: int = Field(0, ge=0)  # of every random draw
     spectral: SpectralSettings = SpectralSettings()
@@ -51,11 +51,11 @@ class MatchingBenchmarkSettings(Settings):
     between: Literal["all", "within categories", "between categories"] = "all"  # pairs counted
     self_pairs: bool = False  # count a shape's map to itself, as the literature's code does
     interpolations: int = Field(3, ge=0)  # pairs interpolated and measured, where `full` is a row
-    built_in: ArticulatedSettings = ArticulatedSettings()  # of --built-in shapes alone
+    built_in: ArticulatedSettings = ArticulatedSettings()  # only of --built-in shapes
 
 
 def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> str:
-    """The preset that is meant. Raises StudyError unless either data or built-in shapes are given.
+    """The name of the preset. Raises StudyError unless either data or built-in shapes are given.
 
     >>> preset_for(None, "articulated", None), preset_for(Path("FAUST_r"), None, None)
     ('articulated', 'non-isometric')
@@ -72,10 +72,13 @@ def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> s
 def read_preset(
     name: str, changes: Sequence[str] = (), options: Mapping[str, object] | None = None
 ) -> MatchingBenchmarkSettings:
-    """A preset by name, or a YAML's path, with `--set` changes over it, and over those the other
-    options that are not None.
+    """The settings of a preset, changed first by `--set` and then by the options that are not None.
 
-    Raises StudyError.
+    Args:
+        name: Of a preset, or the path of a YAML file.
+
+    Raises:
+        StudyError: There is no such preset, or it does not hold such settings.
     """
     path = Path(name) if name.endswith((".yaml", ".yml")) else _presets().get(name)
     if path is None or not path.is_file():

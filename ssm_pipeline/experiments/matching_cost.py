@@ -1,4 +1,4 @@
-"""What a matching benchmark will take on this machine, from a few steps and one pair of it."""
+"""How long a matching benchmark will take on this machine, from a few steps and one pair."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 def seconds_a_step(
     x: SpectralBasis, y: SpectralBasis, settings: TrainingSettings, device: str
 ) -> tuple[float, Matcher]:
-    """Mean over the schedule, and the matcher that the trial left, as good as untrained.
+    """The mean over the schedule, and the matcher of the trial, which is practically untrained.
 
-    A step's time grows evenly with the time steps T, so that the fewest and the most are tried.
+    The time of a step is linear in the number of time steps T, so the fewest and the most are
+    measured.
     """
     from ssm_pipeline.training.train import train_networks
 
@@ -36,7 +37,7 @@ def seconds_a_step(
             stamps.append(time.perf_counter())
 
         matcher = train_networks([x, y], trial, seed=0, device=device, on_step=on_step)
-        tried[time_steps] = stamps[1] - stamps[0]  # the first warms up, the last does more
+        tried[time_steps] = stamps[1] - stamps[0]  # the first step warms up, the last does more
     fewest, most = min(tried), max(tried)
     slope = (tried[most] - tried[fewest]) / max(most - fewest, 1)
     at_each = (tried[fewest] + slope * (count - fewest) for count in settings.time_steps)
@@ -51,7 +52,7 @@ def seconds_a_pair(
     settings: AdaptationSettings,
     methods: Sequence[str],
 ) -> dict[str, float]:
-    """One match by each method; how well the matcher is trained makes no difference to it."""
+    """The time of one match by each method, which does not depend on the matcher's training."""
     from ssm_pipeline.adaptation.correspond import correspond_bases
 
     taken: dict[str, float] = {}

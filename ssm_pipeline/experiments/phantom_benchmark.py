@@ -1,8 +1,8 @@
 """`workflow benchmark phantoms`: the whole pipeline against the truth, on several cohorts.
 
-Every cohort is run once lying as a scanner sees patients, and once with each case turned by a
-random rotation of up to 40 degrees. Two cases are then up to 80 degrees apart: there rigid
-alignment can fail, and what the network is worth shows.
+Every cohort is run twice: in the pose in which a scanner sees patients, and with each case rotated
+at random by up to 40 degrees. Two cases are then up to 80 degrees apart, so that rigid alignment
+can fail. This shows what the network contributes.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.data_prep.synthetic.phantom_seeds import DEVELOPMENT
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.evaluation.paired import holm, over_cases
+from ssm_pipeline.experiments.varied_studies import run_varied
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import StudyError
-from ssm_pipeline.runs.run import load_run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import PhantomData
 
@@ -37,20 +36,27 @@ def run_phantom_benchmark(
     seeds: Sequence[int] = DEVELOPMENT,
     poses: Sequence[str] = tuple(POSES),
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """A row per pose and method over all cohorts, and a row per cohort and true mode.
+    """Run the study on every cohort in every pose, and gather the results in the runs folder.
 
-    seeds  of the cohorts, one each; the study's own seed, of the method, stays as it is.
+    phantom-benchmark.csv has a row per cohort and method: family, pose, cohort (its seed),
+    affine_percent (of the variance of the cohort), method, geodesic_x100 (mean over all template →
+    case pairs, √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and
+    specificity_mm (Chamfer, all modes), variance_kept_percent and, for phantoms with labels,
+    labels_disagree_percent and labels_border_mm.
 
-    In the runs folder: phantom-benchmark.csv, a row per cohort and method: family, pose, cohort
-    (its seed), affine_percent (of the cohort's variance), method, geodesic_x100 (mean over all
-    template → case pairs, √area-normalised), geodesic_mm, worst_case_x100, generalisation_mm and
-    specificity_mm (Chamfer, all modes), variance_kept_percent, and, of phantoms with labels,
-    labels_disagree_percent and labels_border_mm. phantom-benchmark-mean.csv, the first table
-    returned: means over the cohorts, each with its standard deviation between cohorts (`…_sd`), and
-    the error's difference to `full`, all cases of all cohorts together, as
-    geodesic_difference_mm, its 95 % interval geodesic_low_mm … geodesic_high_mm (paired bootstrap
-    over the cases) and geodesic_p (Holm's correction for the methods). phantom-modes.csv, the
-    second: as `phantom_truth.recovered_modes`.
+    Args:
+        seeds: One per cohort. The seed of the study, which the method uses, stays the same.
+
+    Returns:
+        phantom-benchmark-mean.csv: a row per pose and method with the means over the cohorts and
+        their standard deviations (`…_sd`). The difference of the error to that of `full` is over
+        all cases of all cohorts: geodesic_difference_mm, its 95 % interval geodesic_low_mm …
+        geodesic_high_mm (paired bootstrap over the cases) and geodesic_p (with Holm's correction
+        for the number of methods). And phantom-modes.csv: the tables of
+        `phantom_truth.recovered_modes`, a row per cohort and true mode.
+
+    Raises:
+        StudyError: The study is not one of phantoms.
     """
     if not isinstance(settings.data, PhantomData):
         raise StudyError("the phantom benchmark needs phantoms: set data.source to phantoms.")
@@ -60,20 +66,21 @@ def run_phantom_benchmark(
         for seed in seeds:
             change = {"max_rotation_deg": POSES[pose], "seed": seed}
             data = settings.data.model_copy(update=change)
-            terminal.say(f"phantoms {family}, cohort {seed}, {pose}")
-            folder = run_study(
+            run = run_varied(
                 f"phantoms-{family}-{pose.replace(' ', '-')}-{seed}",
-                settings.model_copy(update={"data": data}),
+                f"phantoms {family}, cohort {seed}, {pose}",
+                settings,
+                {"data": data},
                 options,
                 terminal,
             )
-            tables = load_run(folder).metrics.tables
+            tables = run.metrics.tables
             where = {"family": family, "pose": pose, "cohort": seed}
-            where["affine_percent"] = _affine_percent(folder)
+            where["affine_percent"] = _affine_percent(run.folder)
             rows += [where | row for row in _rows(tables)]
             case_ids = f"{seed}/" + tables["truth"]["case_id"]
             errors.append(tables["truth"].assign(family=family, pose=pose, case_id=case_ids))
-            if "recovered_modes" in tables:  # not where size is removed, which changes the modes
+            if "recovered_modes" in tables:  # absent where size is removed, which changes the modes
                 modes.append(tables["recovered_modes"].assign(**where))
     methods = pd.DataFrame(rows)
     all_modes = pd.concat(modes, ignore_index=True) if modes else pd.DataFrame()
@@ -112,7 +119,7 @@ def _rows(tables: Mapping[str, pd.DataFrame]) -> list[dict[str, object]]:
 
 
 def _over_cohorts(methods: pd.DataFrame) -> pd.DataFrame:
-    """Mean and standard deviation over the cohorts of every number, and how many there are."""
+    """The mean and standard deviation of every number over the cohorts, and their count."""
     numbers = [name for name in methods if name not in (*_KEYS, "cohort")]
     grouped = methods.groupby(_KEYS, sort=False)
     table = grouped.agg(cohorts=("cohort", "size"))
@@ -123,9 +130,9 @@ def _over_cohorts(methods: pd.DataFrame) -> pd.DataFrame:
 
 
 def _to_full(errors: pd.DataFrame, draws: int) -> pd.DataFrame:
-    """Of every family, pose and method: by how much its error differs from `full`'s.
+    """How much the error of each method differs from that of `full`, per family and pose.
 
-    On the cases that both score: a method that has a template of its own scores others.
+    Only cases that both score are compared: a method with its own template scores other cases.
     """
     tables = []
     for (family, pose), group in errors.groupby(["family", "pose"], sort=False):

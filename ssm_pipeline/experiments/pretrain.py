@@ -1,4 +1,4 @@
-"""`workflow pretrain`: weights for `training.start`, from synthetic shapes alone."""
+"""`workflow pretrain`: weights for `training.start`, from synthetic shapes only."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from ssm_pipeline.training.settings import BUILT_IN_EIGENPAIRS, TrainingSettings
 
 
 def pretraining_settings(features: Literal["wks", "xyz+wks"], steps: int) -> TrainingSettings:
-    """As a study trains on its organs; where coordinates are read, in any common position.
+    """The settings with which a study trains on its organs.
 
-    Two scans of one organ lie alike to about 20 degrees, in a direction that no training foresees:
-    both shapes of a pair are turned together by any angle, then each by up to 20 degrees.
+    If the features include coordinates, shapes are also rotated. Two scans of one organ have nearly
+    the same orientation, to about 20 degrees, but this orientation is not known in advance. So both
+    shapes of a pair are rotated together by any angle, and then each by up to 20 degrees.
     """
     matching = MatchingSettings(features=features)
     if features == "wks":

@@ -1,7 +1,7 @@
-"""`workflow benchmark results`: every number of the results page, made again part by part.
+"""`workflow benchmark results`: every number of the results page, computed part by part.
 
-Each part is runs of the ordinary kind in the runs folder, so a command that was stopped goes on
-where it was, and a part that is up to date costs seconds.
+Each part consists of ordinary runs in the runs folder. So a command that was stopped continues
+where it was, and a part that is up to date takes seconds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_study
 from ssm_pipeline.study.yaml_settings import changed_key
 
-# Of a run's tables, those that a page quotes; the others are long, and stay in the run.
+# The tables of a run that a page quotes. The others are long and stay in the run.
 QUOTED = (
     "comparison",
     "comparison_95",
@@ -58,13 +58,19 @@ def make_results(
     changes: Sequence[str] = (),
     parts: Sequence[Part] = PARTS,
 ) -> list[str]:
-    """Make the parts, or `only` those named, in `folder` (`results_file`). Returns their names.
+    """Compute the parts and write them to `folder` (`results_file`).
 
-    data     name → folder, as the parts ask for it; a part whose data is not given is left out,
-             unless it was named.
-    changes  to every study's settings, in place of a part's own where both set one: they are
-             written down with the results.
-    Raises StudyError for a name that no part has, and for data that a part named needs.
+    Args:
+        data: Name → folder. A part whose data is missing is left out, unless `only` names it.
+        only: The parts to compute; none: all of them.
+        changes: To the settings of every study. They replace the changes of a part that concern the
+            same setting, and are recorded with the results.
+
+    Returns:
+        The names of the parts that were computed.
+
+    Raises:
+        StudyError: No part has such a name, or the data of a named part is missing.
     """
     names = [part.name for part in parts]
     unknown = sorted(set(only) - set(names))
@@ -89,10 +95,10 @@ def make_results(
     return made
 
 
-def _changes(part: Part, asked: Sequence[str]) -> list[str]:
-    """Those asked for, after the part's own of other settings."""
-    keys = {changed_key(change) for change in asked}
-    return [change for change in part.changes if changed_key(change) not in keys] + [*asked]
+def _changes(part: Part, requested: Sequence[str]) -> list[str]:
+    """The part's own changes of other settings, and then those that were requested."""
+    keys = {changed_key(change) for change in requested}
+    return [change for change in part.changes if changed_key(change) not in keys] + [*requested]
 
 
 def _settings(part: Part, data: Mapping[str, Path], changes: Sequence[str]) -> StudySettings:
@@ -103,7 +109,7 @@ def _settings(part: Part, data: Mapping[str, Path], changes: Sequence[str]) -> S
 def _made(
     part: Part, settings: StudySettings, options: RunOptions, terminal: Terminal
 ) -> tuple[list[Path], dict[str, pd.DataFrame]]:
-    """The runs that a part rests on, and its tables."""
+    """The runs of a part, and its tables."""
     place = dataclasses.replace(options, runs=options.runs / "results" / part.name)
     if part.kind == "phantoms":
         from ssm_pipeline.data_prep.synthetic.phantom_seeds import REPORTED
@@ -151,7 +157,7 @@ def _facts(
 
 
 def commit() -> str | None:
-    """The commit that the code is of, with `+` where files differ from it; None outside git."""
+    """The commit of the code, with `+` if files differ from it; None outside git."""
     place = Path(__file__).parent
 
     def said(*words: str) -> str:
@@ -166,7 +172,7 @@ def commit() -> str | None:
 
 
 def machine() -> str:
-    """Processor and number of cores."""
+    """The processor and the number of cores."""
     processor = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():

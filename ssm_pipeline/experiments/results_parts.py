@@ -6,16 +6,20 @@ import json
 from dataclasses import dataclass
 from typing import Literal
 
+from ssm_pipeline.methods import METHODS
+
 
 @dataclass(frozen=True)
 class Part:
     """One part of the results.
 
-    kind      "study": a study's run; "phantoms": the phantom benchmark on the reported cohorts;
-              "spread": a study's run repeated with other seeds and templates; "training": with few
-              and many steps, from built-in and from fresh weights.
-    needs     the name that the data's folder is given by (`--data lungs=FOLDER`); None: no data.
-    changes   to the study's settings, as `--set` takes them.
+    Attributes:
+        kind: "study", the run of a study; "phantoms", the phantom benchmark on the reported
+            cohorts; "spread", a study that is repeated with other seeds and templates; "training",
+            a study that is repeated with other training schedules.
+        needs: The name of its data folder on the command line (`--data lungs=FOLDER`); None if it
+            needs no data.
+        changes: To the settings of the study, as `--set` takes them.
     """
 
     name: str
@@ -44,21 +48,14 @@ _IN_FULL = (
     ),
     "evaluation.jackknife_samples=24",
 )
-# Plain registrations, alone and with the same groupwise rounds.
+# The plain registrations, without and with the same groupwise rounds.
 _RIVALS = (
-    _rows(
-        "affine nearest",
-        "affine nearest, groupwise",
-        "nricp",
-        "nricp, groupwise",
-        "cpd",
-        "cpd, groupwise",
-    ),
+    _rows(*(method.id for method in METHODS if method.kind == "registration")),
     "evaluation.jackknife_samples=24",
 )
-# Of S3M; published are 30. Its scores over epochs stand beside the lungs' (`benchmark s3m`).
+# The published number is 30; `benchmark s3m` measures how the scores depend on it.
 _AS_PUBLISHED, _A_THIRD, _BRIEFLY = (f"comparison.s3m.epochs={n}" for n in (30, 10, 3))
-# All that is learned is learned anew five times: the rows that learn most, S3M briefly.
+# Everything that is learned is learned again five times: the rows that learn most, S3M briefly.
 _UNSEEN = (
     _rows("network start", "adaptation only", "adaptation only, groupwise", "S3M"),
     _BRIEFLY,
@@ -66,16 +63,16 @@ _UNSEEN = (
     "evaluation.folds=5",
 )
 _SPREAD = (_rows("network start", "adaptation only"),)
-# The rows that rest on the networks alone, no rounds, few draws.
+# The rows that depend on the networks only, without rounds and with few draws.
 _TRAINING = (
     _rows("network start", "without adaptation"),
     "groupwise.rounds=0",
     "evaluation.points=4000",
     "evaluation.samples=100",
 )
-# The first cases by name; others chose settings.
+# The first cases by name. The settings were chosen on others.
 _HIPPOCAMPI = ("data.limit=24",)
-# Twelve runs, three cohorts as scanned and turned of two families: S3M's rows briefly.
+# Twelve runs: three cohorts of two families, as scanned and rotated. S3M is trained briefly.
 _PHANTOMS = (
     _rows(
         "without groupwise",

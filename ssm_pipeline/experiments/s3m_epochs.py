@@ -1,4 +1,4 @@
-"""`workflow benchmark s3m`: what S3M's scores are after fewer epochs than it was trained for."""
+"""`workflow benchmark s3m`: the scores of S3M after fewer epochs than it was trained for."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.comparison.s3m_rows import KEPT_EPOCHS, network_path, training_key
+from ssm_pipeline.comparison.s3m_rows import KEPT_EPOCHS, network_path, s3m_settings, training_key
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.methods import METHODS
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import load_run
 from ssm_pipeline.study.study import read_run_settings
@@ -23,12 +24,17 @@ def score_s3m_epochs(
     device: str = "cpu",
     jobs: int = 1,
 ) -> pd.DataFrame:
-    """evaluation/S3M/epochs.csv of a finished run: a row per epoch and setting of the filter.
+    """Write evaluation/S3M/epochs.csv of a finished run: a row per epoch and method of this kind.
 
-    Columns: method (S3M or S3M tuned), epochs, loss (mean over that epoch), modes,
-    generalisation_surface_mm and specificity_surface_mm at as many modes, and their standard errors
-    (over cases; over draws), fit_surface_mm of the correspondences.
-    Networks are those that the run's one training kept. Raises StudyError where it kept none.
+    The networks are those that the training of the run kept.
+
+    Returns:
+        method (S3M or S3M tuned), epochs, loss (mean over that epoch), modes,
+        generalisation_surface_mm and specificity_surface_mm at this number of modes with their
+        standard errors (over cases; over draws), and fit_surface_mm of the correspondences.
+
+    Raises:
+        StudyError: The training kept no network of these epochs.
     """
     import torch
 
@@ -43,14 +49,14 @@ def score_s3m_epochs(
     meshes = [run.mesh(case_id) for case_id in run.cases]
     template = run.mesh(run.template_id)
     record = StageRecord.read(run_folder / "meshing")
-    assert record is not None  # or there would be no mesh
+    assert record is not None  # because the meshes were read
     key = training_key(published, settings.seed, record.case_keys, template.case_id, run.cases)
     wanted = {epoch: network_path(folder, key, epoch) for epoch in epochs}
     found = {epoch: path for epoch, path in wanted.items() if path.exists()}
     if not found:
         raise StudyError(
-            f"{folder} holds no network of S3M after {', '.join(map(str, epochs))} epochs; let the "
-            "run train it: S3M in comparison.methods, and workflow run."
+            f"{folder} holds no network of S3M after {', '.join(map(str, epochs))} epochs. List "
+            "S3M in comparison.methods and run the study, which trains and keeps it."
         )
     aligned, _ = meshes_at_common_start(template, meshes, settings.seed)
     quick = settings.evaluation.model_copy(update={"jackknife_samples": 0, "fit_surfaces": False})
@@ -58,24 +64,24 @@ def score_s3m_epochs(
     rows = []
     for epoch, path in found.items():
         trained = S3MCheckpoint(**load_tensors(path))
-        for method, own in (("S3M", published), ("S3M tuned", published.tuned())):
-            terminal.say(f"{method}, {epoch} epochs")
+        for method in (method for method in METHODS if method.kind == "S3M"):
+            terminal.say(f"{method.id}, {epoch} epochs")
             match = match_s3m(
                 aligned,
                 trained,
-                own,
+                s3m_settings(method, published),
                 settings.seed,
                 torch.device(device),
                 lambda *step: None,
                 jobs=jobs,
             )
-            scores = evaluate_method(method, match.points, aligned, scoring).tables
+            scores = evaluate_method(method.id, match.points, aligned, scoring).tables
             modes = int(scores["generalisation"]["modes"].max())
             cases = scores["generalisation"].query("modes == @modes")["surface_mm"]
             drawn = scores["specificity"].query("modes == @modes").iloc[0]
             rows.append(
                 {
-                    "method": method,
+                    "method": method.id,
                     "epochs": epoch,
                     "loss": trained.losses[-1],
                     "modes": modes,

@@ -1,11 +1,12 @@
-"""`workflow benchmark training`: what so many steps, from so trained weights, are worth to a study.
+"""`workflow benchmark training`: how a study's results depend on the training.
 
-One run, whose training changes: meshes and bases are made once. The first schedule's template is
-kept for the others, so that nothing but the networks differs.
+One run is repeated with other training schedules, so that meshes and bases are made once. All
+schedules use the template of the first one, so that only the networks differ.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,20 +14,24 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.runs.run import load_run
+from ssm_pipeline.experiments.varied_studies import measured, run_varied
+from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Weights to start from, steps, and the plateau's patience (`TrainingSettings`)."""
+    """The weights to start from, the steps, and the plateau's patience (`TrainingSettings`)."""
 
     start: str
     steps: int
     patience: int = 0
+
+    def __str__(self) -> str:
+        patience = ", patience" if self.patience else ""
+        return f"{self.steps} steps from {self.start} weights{patience}"
 
 
 SCHEDULES = (
@@ -48,50 +53,47 @@ def run_training_curve(
     terminal: Terminal,
     schedules: Sequence[Schedule] = SCHEDULES,
 ) -> tuple[Path, pd.DataFrame]:
-    """Run the study with each schedule. Returns the run's folder and a row per schedule and method.
+    """Run the study with each schedule.
 
-    Columns: start, steps, patience, steps_done; mean_loss and map_extent, of the template tried on
-    the other cases; method, `comparison.csv`'s generalisation, specificity and fit (surface, mm);
-    where the cohort has labels labels_border_mm, where it has a truth truth_mm.
+    Returns:
+        The folder of the run, and a row per schedule and method: start, steps, patience,
+        steps_done; mean_loss and map_extent of the template on the other cases; method; the
+        generalisation, specificity and fit (surface, mm) of `comparison.csv`; labels_border_mm
+        where the cohort has labels, and truth_mm where its truth is known.
     """
-    rows = []
+    rows, folder = [], options.runs
     for schedule in schedules:
-        words = f"{schedule.steps} steps from {schedule.start} weights"
-        terminal.say(f"{study}: {words}{', patience' if schedule.patience else ''}")
-        training = settings.training.model_copy(
-            update={
-                "start": schedule.start,
-                "steps": schedule.steps,
-                "patience": schedule.patience,
-            }
+        run = run_varied(
+            f"{study}-training",
+            f"{study}: {schedule}",
+            settings,
+            {"training": settings.training.model_copy(update=dataclasses.asdict(schedule))},
+            options,
+            terminal,
         )
-        changed = settings.model_copy(update={"training": training})
-        folder = run_study(f"{study}-training", changed, options, terminal)
-        settings = settings.model_copy(update={"template": load_run(folder).template_id})
-        rows.append(_rows(folder, schedule))
+        settings = settings.model_copy(update={"template": run.template_id})
+        rows.append(_rows(run, schedule))
+        folder = run.folder
     table = pd.concat(rows, ignore_index=True)
     storage.write_table(table, options.runs / f"{study}-training.csv")
     return folder, table
 
 
-def _rows(folder: Path, schedule: Schedule) -> pd.DataFrame:
-    run = load_run(folder)
-    tables = run.metrics.tables
-    losses = folder / "training" / "losses.csv"
-    of_templates = storage.read_table(folder / "training" / "template_losses.csv")
+def _rows(run: Run, schedule: Schedule) -> pd.DataFrame:
+    folder, tables = run.folder / "training", run.metrics.tables
+    losses = folder / "losses.csv"
+    of_templates = storage.read_table(folder / "template_losses.csv")
     own = of_templates.set_index("case_id").loc[run.template_id]
-    rows = tables["comparison"].set_index("method")
-    rows = rows[[name for name in _MEASURES if name in rows]].copy()
+    rows = measured(run, _MEASURES)
     if "labels_mean" in tables:
-        rows["labels_border_mm"] = tables["labels_mean"].set_index("method")["border_mm"]
+        borders = tables["labels_mean"].set_index("method")["border_mm"]
+        rows["labels_border_mm"] = rows["method"].map(borders)
     if "truth" in tables:
-        rows["truth_mm"] = tables["truth"].groupby("method")["geodesic_mm"].mean()
-    facts = {
-        "start": schedule.start,
-        "steps": schedule.steps,
-        "patience": schedule.patience,
+        errors = tables["truth"].groupby("method")["geodesic_mm"].mean()
+        rows["truth_mm"] = rows["method"].map(errors)
+    facts = dataclasses.asdict(schedule) | {
         "steps_done": len(storage.read_table(losses)) if losses.exists() else 0,
         "mean_loss": own["mean_loss"],
         "map_extent": own["map_extent"],
     }
-    return rows.reset_index().assign(**facts)[[*facts, "method", *rows.columns]]
+    return rows.assign(**facts)[[*facts, *rows.columns]]

@@ -12,7 +12,7 @@ from ssm_pipeline import load_run
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.experiments import phantom_benchmark
+from ssm_pipeline.experiments import varied_studies
 from ssm_pipeline.experiments.phantom_benchmark import run_phantom_benchmark
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.list import STAGES
@@ -81,7 +81,7 @@ def test_every_cohort_as_scanned_and_turned(
         asked[study] = wanted
         return folder
 
-    monkeypatch.setattr(phantom_benchmark, "run_study", finished)
+    monkeypatch.setattr(varied_studies, "run_study", finished)
     means, modes = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal(), seeds=(3, 4))
     assert {
         name: (wanted.data.max_rotation_deg, wanted.data.seed, wanted.seed)

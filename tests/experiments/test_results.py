@@ -13,7 +13,7 @@ from tiny_study import tiny_settings
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.experiments import results as making
-from ssm_pipeline.experiments import spread as spreading
+from ssm_pipeline.experiments import varied_studies
 from ssm_pipeline.experiments.results_file import (
     figures_in,
     read_results,
@@ -22,6 +22,7 @@ from ssm_pipeline.experiments.results_file import (
 )
 from ssm_pipeline.experiments.results_parts import PARTS, Part
 from ssm_pipeline.experiments.s3m_epochs import score_s3m_epochs
+from ssm_pipeline.experiments.spread import run_spread
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import load_run
 
@@ -137,10 +138,10 @@ def test_spread_repeats_the_study_with_seeds_and_templates(
         asked.append((name, settings.seed, settings.template))
         return tiny_run
 
-    monkeypatch.setattr(spreading, "run_study", run_study)
+    monkeypatch.setattr(varied_studies, "run_study", run_study)
     settings = tiny_settings(tmp_path)
     options, terminal = RunOptions(tmp_path / "runs"), Terminal()
-    runs, each, mean = spreading.run_spread("balls", settings, options, terminal, templates=2)
+    runs, each, mean = run_spread("balls", settings, options, terminal, templates=2)
     seeds, (last,) = asked[:3], asked[3:]
     assert [seed for _, seed, _ in seeds] == [0, 1, 2]
     assert last[2] in load_run(tiny_run).cases

@@ -7,7 +7,7 @@ from tiny_study import tiny_settings
 
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
-from ssm_pipeline.experiments import training_curve
+from ssm_pipeline.experiments import varied_studies
 from ssm_pipeline.experiments.training_curve import Schedule, run_training_curve
 from ssm_pipeline.runs.run import load_run
 
@@ -22,7 +22,7 @@ def test_a_row_per_schedule_and_method_with_one_template(
         asked.append((name, training.start, training.steps, training.patience, settings.template))
         return tiny_run
 
-    monkeypatch.setattr(training_curve, "run_study", run_study)
+    monkeypatch.setattr(varied_studies, "run_study", run_study)
     schedules = (Schedule("none", 3), Schedule("built-in", 0), Schedule("none", 9, patience=2))
     folder, table = run_training_curve(
         "balls", tiny_settings(tmp_path), RunOptions(tmp_path / "runs"), Terminal(), schedules
