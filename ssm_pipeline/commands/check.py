@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.comparison.anatomy import what_the_evaluation_rests_on
+from ssm_pipeline.comparison.anatomy import evaluation_depends_on
 from ssm_pipeline.engine.per_case import CaseTask, Row, map_cases
 from ssm_pipeline.engine.runner import FEWEST_CASES
 from ssm_pipeline.engine.terminal import Terminal
@@ -28,7 +28,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
     jobs  cases at a time. to: a folder for cohort_check.csv and a picture of each striking case;
     without it nothing is written. Raises StudyError for settings that don't fit the cases.
     """
-    what_the_evaluation_rests_on(study.settings)
+    evaluation_depends_on(study.settings)
     what_the_report_rests_on(study.settings)
     terminal.say(f"settings   {study.path}: in order")
     data = study.settings.data

@@ -1,4 +1,4 @@
-"""What anatomists say of the cases, independent of geometry: labels of parts, landmarks."""
+"""What experts marked on the cases: labels of parts and landmarks."""
 
 from __future__ import annotations
 
@@ -18,12 +18,21 @@ from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError, 
 from ssm_pipeline.runs.landmark_file import FARTHEST_SHARE, read_landmarks
 from ssm_pipeline.study.settings import StudySettings
 
-PAIRS = ("label_pairs", "landmark_pairs")  # a row an ordered pair: kept in each method's folder
+PAIRS = (
+    "label_pairs",
+    "landmark_pairs",
+)  # a row per ordered pair; they stay in the folder of each method
 
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """labels: case id → of its mesh; landmarks: case id → (L, 3) mm, `names` (L,). Either empty."""
+    """The labels and landmarks of the cases; both may be empty.
+
+    Attributes:
+        labels: Case → the labels of its mesh.
+        names: Of the L landmarks.
+        landmarks: Case → `(L, 3)` mm.
+    """
 
     labels: Mapping[str, SurfaceLabels]
     names: tuple[str, ...]
@@ -37,7 +46,7 @@ class Anatomy:
         points: int,
         seed: int,
     ) -> dict[str, pd.DataFrame]:
-        """Labels and landmarks carried by a method's shapes: a row per pair, and a row per case."""
+        """Labels and landmarks transferred by a method's shapes: a row per pair, and per case."""
         from ssm_pipeline.evaluation.carried_labels import carried_labels, label_cases
         from ssm_pipeline.evaluation.carried_landmarks import carried_landmarks, landmark_cases
 
@@ -82,7 +91,7 @@ def known_anatomy(
 def means_of_methods(
     scores: Mapping[str, Metrics], draws: int, seed: int, patients: Mapping[str, str]
 ) -> dict[str, pd.DataFrame]:
-    """labels_mean and landmarks_mean, where known: a row per method, against `full`."""
+    """labels_mean and landmarks_mean, if known: a row per method, compared with `full`."""
     from ssm_pipeline.evaluation.carried_labels import label_means
     from ssm_pipeline.evaluation.carried_landmarks import landmark_means
 
@@ -105,7 +114,7 @@ def pairs_of_methods(scores: Mapping[str, Metrics], name: str) -> dict[str, pd.D
 
 
 def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:
-    """The scores less their rows of single pairs: too many for one table of all methods."""
+    """The scores without their rows of single pairs, which are too many for one table."""
     return {
         method: Metrics({name: t for name, t in metrics.tables.items() if name not in PAIRS})
         for method, metrics in scores.items()
@@ -115,11 +124,17 @@ def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:
 def landmarks_of_cases(
     folder: Path, meshes: Sequence[Mesh], mirrored: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-    """Names, and case id → positions (L, 3) mm, from the folder's `<case id>.mrk.json`.
+    """The landmarks in the `<case id>.mrk.json` files of a folder.
 
-    mirrored  the side whose meshes are mirror images: so are their landmarks, then.
-    Cases without a file are left out. Raises StudyError for fewer than two, for files that do not
-    hold the same names, and for a landmark far from its case's surface.
+    Args:
+        mirrored: The side whose meshes are mirror images. Its landmarks are then mirrored too.
+
+    Returns:
+        Their names, and case → positions `(L, 3)` mm. Cases without a file are left out.
+
+    Raises:
+        StudyError: There are fewer than two files, their names differ, or a landmark is far from
+            the surface of its case.
     """
     names: tuple[str, ...] = ()
     positions: dict[str, np.ndarray] = {}
@@ -149,15 +164,15 @@ def landmarks_of_cases(
     if len(positions) < 2:
         raise StudyError(
             f"{folder} holds landmarks of {len(positions)} of the {len(meshes)} cases; two are "
-            "needed to carry them from case to case. Name each file <case id>.mrk.json, such as "
+            "needed to transfer them between cases. Name each file <case id>.mrk.json, such as "
             f"{meshes[0].case_id}.mrk.json, or leave evaluation.landmarks out."
         )
     return names, positions
 
 
-def what_the_evaluation_rests_on(settings: StudySettings) -> Any:
-    """Its settings, and what the landmark files hold. Raises StudyError where there are none."""
-    rests_on: dict[str, Any] = {
+def evaluation_depends_on(settings: StudySettings) -> Any:
+    """Its settings and the content of the landmark files. Raises StudyError if there are none."""
+    depends_on: dict[str, Any] = {
         "evaluation": settings.evaluation,
         "comparison": settings.comparison,
         "seed": settings.seed,
@@ -171,5 +186,5 @@ def what_the_evaluation_rests_on(settings: StudySettings) -> Any:
                 f"evaluation.landmarks: {folder} is {found}. Give the folder that holds a "
                 "<case id>.mrk.json for each case, or leave it out."
             )
-        rests_on["landmarks"] = {path.name: key_of_files([path]) for path in files}
-    return rests_on
+        depends_on["landmarks"] = {path.name: key_of_files([path]) for path in files}
+    return depends_on

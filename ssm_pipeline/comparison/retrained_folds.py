@@ -1,8 +1,8 @@
-"""Unseen cases: everything that is learned, learned anew without each fold.
+"""Unseen cases: everything that is learned is learned again without each fold.
 
 In every other table the networks are trained once, on all cases (without labels), and the groupwise
-mean is of all of them; only the shape model leaves cases out. Here each fold has networks, a
-template, means and S3M of the kept cases alone.
+mean is that of all cases; only the shape model leaves cases out. Here the networks, the template,
+the means and S3M of a fold are made of the kept cases only.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _PAIRS = "unseen_label_pairs"
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """One of `count` folds: the places of its held-out cases, and what was learned without them."""
+    """A fold: the indices of its held-out cases, and what was learned without them."""
 
     number: int
     held_out: np.ndarray
-    modes: int  # the most that the models of all folds have
+    modes: int  # the largest number that the models of all folds have
     learned: Learned
 
 
@@ -193,7 +193,7 @@ def _write_fold(
         points_per_case, seed = evaluation.points, settings.seed
         carried = inputs.anatomy.tables(method, shapes, inputs.meshes, points_per_case, seed)
         pairs, held_out = carried["label_pairs"], [shapes.case_ids[case] for case in fold.held_out]
-        is_asked = pairs["case_id"].isin(held_out) & ~pairs["from_case_id"].isin(held_out)
-        tables[_PAIRS] = pairs[is_asked]
+        counts = pairs["case_id"].isin(held_out) & ~pairs["from_case_id"].isin(held_out)
+        tables[_PAIRS] = pairs[counts]
     storage.save_tables(Metrics(tables), folder)
     return {"cases": len(fold.held_out)}

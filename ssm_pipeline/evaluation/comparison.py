@@ -1,4 +1,4 @@
-"""Methods side by side: one row each, with paired differences to a baseline."""
+"""A row per method, with paired differences to a baseline."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ssm_pipeline.evaluation.paired import (
 from ssm_pipeline.records import Metrics
 
 # Cao et al. 2024 ("Spectral Meets Spatial", CVPR), statistical shape models of 22 left lungs of
-# LUNA16, Chamfer distance. Other segmentations, meshes and samplings than a run of this project:
-# numbers to stand beside, not to subtract from.
+# LUNA16, Chamfer distance. Segmentations, meshes and samplings differ from those of this project:
+# these numbers can be shown beside ours, but differences between them have no meaning.
 PAPER_LUNA16 = pd.DataFrame(
     {
         "method": ["S3M (as printed in the paper)", "Spectral Meets Spatial (the paper)"],
@@ -30,7 +30,7 @@ PAPER_LUNA16 = pd.DataFrame(
 
 
 DISTANCES = ("surface", "chamfer", "hd95")
-# Compared with the baseline: measure, distance. The specificity of draws by Chamfer is not.
+# The measures and distances that are compared with the baseline.
 COMPARED = (
     ("generalisation", "surface"),
     ("specificity", "surface"),
@@ -45,29 +45,34 @@ def compare(
     generator: np.random.Generator,
     modes: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
-    """One row per method: G(M) and S(M) with standard errors, and the difference to the baseline.
+    """A row per method: G(M) and S(M) with standard errors, and the difference to the baseline.
 
-    methods   name → Metrics of `evaluate_method`, all of the same cases, points and seed.
-    draws     bootstrap resamplings of the cases.
-    modes     M of each method; by default the same for all, the most that every method has.
+    Args:
+        methods: Name → Metrics of `evaluate_method`, all with the same cases, points and seed.
+        baseline: The name of the method that the others are compared with.
+        draws: Bootstrap resamplings of the cases.
+        modes: M of each method. By default the same for all: the most that every method has.
 
-    Returns   method, modes, variance_percent (what M modes hold of the method's own variance),
-              variance_mm2 (of all its modes: mean over the points of the squared distance from the
-              mean), cases, points; <measure>_<d>_mm and <measure>_<d>_se_mm for generalisation
-              and specificity and d = surface, chamfer, hd95; generalisation_correspondence_mm; the
-              means over all numbers of modes generalisation_chamfer_curve_mm and
-              specificity_chamfer_curve_mm; and, of each pair in `COMPARED`, the difference to the
-              baseline on the same cases <measure>_<d>_difference_mm, its 95 % interval
-              <measure>_<d>_low_mm … <measure>_<d>_high_mm and <measure>_<d>_p, corrected by Holm
-              for the number of methods (`evaluation.paired`); NaN where it was not measured.
-    Raises ValueError where methods were not scored alike.
+    Returns:
+        method, modes, variance_percent (the share of the method's own variance that M modes hold),
+        variance_mm2 (of all its modes: the mean over the points of the squared distance from the
+        mean), cases, points; <measure>_<d>_mm and <measure>_<d>_se_mm for generalisation and
+        specificity and d = surface, chamfer, hd95; generalisation_correspondence_mm; and the means
+        over all numbers of modes, generalisation_chamfer_curve_mm and specificity_chamfer_curve_mm.
+        For each pair in `COMPARED`, also the difference to the baseline on the same cases,
+        <measure>_<d>_difference_mm, its 95 % interval <measure>_<d>_low_mm … <measure>_<d>_high_mm,
+        and <measure>_<d>_p with Holm's correction for the number of methods (`evaluation.paired`).
+        They are NaN where they were not measured.
+
+    Raises:
+        ValueError: The baseline is missing, or the methods were not scored in the same way.
     """
     if baseline not in methods:
-        raise ValueError(f"the baseline {baseline!r} is none of {sorted(methods)}")
+        raise ValueError(f"the baseline {baseline!r} is not among {sorted(methods)}")
     _require_alike(methods)
     if modes is None:
         shared = set.intersection(*(set(_scored_modes(metrics)) for metrics in methods.values()))
-        modes = dict.fromkeys(methods, max(shared))  # one mode, at least, is always scored
+        modes = dict.fromkeys(methods, max(shared))  # at least one mode is always scored
     table = pd.DataFrame([_row(name, metrics, modes[name]) for name, metrics in methods.items()])
     for measure, distance in COMPARED:
         found = [
@@ -96,8 +101,10 @@ def compare(
 def modes_holding(metrics: Metrics, share: float) -> int:
     """The fewest modes that hold a share (0 … 1) of the variance.
 
-    Where leaving a case out leaves fewer modes than that, the most that were scored.
-    Raises ValueError where that number of modes was not scored (`evaluate_method` scores it).
+    If a model without one case has fewer modes, this is the largest number that was scored.
+
+    Raises:
+        ValueError: This number of modes was not scored (`evaluate_method` scores that of 95 %).
     """
     held = metrics.tables["compactness"].set_index("modes")["share"]
     wanted = int(held.index[held >= share - 1e-12][0])
@@ -115,7 +122,7 @@ def _difference(
     draws: int,
     generator: np.random.Generator,
 ) -> PairedDifference | None:
-    """Each side a method's metrics and its number of modes; None where it was not measured."""
+    """The difference between two methods, each with its number of modes; None if not measured."""
     if measure == "generalisation":
         cases, others = (_at(m.tables["generalisation"], modes) for m, modes in (own, baseline))
         return over_cases(cases, others, f"{distance}_mm", draws, generator)
@@ -169,12 +176,15 @@ def _scored_modes(metrics: Metrics) -> list[int]:
 def _at(table: pd.DataFrame, modes: int) -> pd.DataFrame:
     found = table[table["modes"] == modes]
     if found.empty:
-        raise ValueError(f"{modes} modes asked; the table has {sorted(table['modes'].unique())}")
+        raise ValueError(f"no row has {modes} modes, only {sorted(table['modes'].unique())}")
     return found
 
 
 def _require_alike(methods: Mapping[str, Metrics]) -> None:
-    """Same cases, and the same number of points: the Chamfer floor depends on it."""
+    """Raise ValueError unless all methods have the same cases and the same number of points.
+
+    The smallest possible Chamfer distance depends on the number of points.
+    """
     scored = {
         name: (
             frozenset(metrics.tables["generalisation"]["case_id"]),

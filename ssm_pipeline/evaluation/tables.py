@@ -13,16 +13,16 @@ from ssm_pipeline.methods import FULL, learns
 from ssm_pipeline.records import Metrics
 
 GENERALISATION = ("generalisation", "generalisation_mean")
-# What intervals rest on: long, and kept in each method's folder only.
+# The intervals are computed from these long tables, which stay in the folder of each method.
 _PER_METHOD = ("specificity_draws", "specificity_jackknife")
 
 
 def joined(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
-    """The tables of all methods, one below the other, and of some the means over the cases.
+    """The tables of all methods, one below the other.
 
-    Generalisation says whether the matching knew the held-out case: its networks were trained on
-    it too, or it is in the mean shape of the groupwise rounds.
-    fit, truth_mean  a row per method: means of the tables correspondence and truth.
+    Generalisation gets a column matching_saw_case. It is true if the held-out case decided the
+    matching, because networks were trained on it or because it is part of a groupwise mean.
+    The tables fit and truth_mean have a row per method: the means of correspondence and truth.
     """
     tables = {
         name: pd.concat(
@@ -33,7 +33,7 @@ def joined(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
         if name not in _PER_METHOD
     }
     for name in GENERALISATION:
-        # Without labels; and the shape model is always built without the case.
+        # Networks see a case without labels. The shape model never contains the held-out case.
         saw_case = tables[name]["method"].map(learns)
         tables[name].insert(1, "matching_saw_case", saw_case)
     for name, means in (("correspondence", "fit"), ("truth", "truth_mean")):
@@ -46,11 +46,12 @@ def joined(scores: Mapping[str, Metrics]) -> dict[str, pd.DataFrame]:
 def comparisons(
     scores: Mapping[str, Metrics], bootstrap_draws: int, seed: int, with_paper: bool = False
 ) -> dict[str, pd.DataFrame]:
-    """The methods side by side, each against the full one.
+    """The methods compared with the full one.
 
-    comparison     the same number of modes for all.
-    comparison_95  so many modes a method as hold 95 % of its own variance.
-    paper          where asked for: the numbers published of LUNA16, on other data.
+    Returns:
+        comparison: With the same number of modes for all.
+        comparison_95: With the number of modes that holds 95 % of each method's own variance.
+        paper: With `with_paper`, the published numbers of LUNA16, which are of other data.
     """
     own_modes = {method: modes_holding(metrics, 0.95) for method, metrics in scores.items()}
     first, second = np.random.default_rng(seed).spawn(2)
@@ -65,8 +66,11 @@ def comparisons(
 
 
 def with_surface_fits(comparison: pd.DataFrame, scores: Mapping[str, Metrics]) -> pd.DataFrame:
-    """The comparison with surface_fit_mm: models fitted to held-out surfaces, mean over the cases,
-    with its standard error over them."""
+    """The comparison with the columns surface_fit_mm and surface_fit_se_mm.
+
+    They are the mean and standard error over the cases of the distance from a held-out surface to
+    the model that is fitted to it.
+    """
     columns: dict[str, list[float]] = {"surface_fit_mm": [], "surface_fit_se_mm": []}
     for method in comparison["method"]:
         table = scores[method].tables.get("surface_fits")
@@ -80,7 +84,7 @@ def with_surface_fits(comparison: pd.DataFrame, scores: Mapping[str, Metrics]) -
 def with_variance_kept(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     """The comparisons with the table `variance_kept` as a column before specificity.
 
-    A method that draws all shapes together wins specificity: here it shows.
+    A method that makes all shapes more alike has a better specificity. This column reveals it.
     """
     kept = tables["variance_kept"].set_index("method")["variance_kept_percent"]
     changed = {name: table for name, table in tables.items() if name != "variance_kept"}
@@ -99,14 +103,16 @@ def with_unseen(
     bootstrap_draws: int,
     seed: int,
 ) -> dict[str, pd.DataFrame]:
-    """The tables, those of unseen cases, and the comparison with both columns.
+    """The tables with those of unseen cases, and with the columns of unseen cases in comparison.
 
-    unseen  `unseen_generalisation` and `unseen_specificity` of the rows that learn. Of the others,
-            which meet each case as if it were unseen, generalisation is taken from its own table.
-    New columns of the comparison: unseen_generalisation_surface_mm, its standard error over the
-    cases, the difference to the full method with interval and p as elsewhere, and
-    unseen_specificity_surface_mm with seen_specificity_surface_mm beside it, both to the nearest of
-    as many cases (`evaluation.unseen`), means over the folds.
+    The new columns of the comparison are unseen_generalisation_surface_mm with its standard error
+    over the cases and the difference to the full method with interval and p; and
+    unseen_specificity_surface_mm and seen_specificity_surface_mm, means over the folds of the
+    distance to the nearest of equally many cases (`evaluation.unseen`).
+
+    Args:
+        unseen: `unseen_generalisation` and `unseen_specificity` of the methods that learn. To the
+            other methods every case is unseen, so their ordinary generalisation is used.
     """
     learned = unseen["unseen_generalisation"]
     modes = int(learned["modes"].max())

@@ -1,4 +1,4 @@
-"""The methods at a glance: value, difference from the full method with its interval, and traits."""
+"""The table of methods: values, differences from the full method with intervals, and traits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ssm_pipeline.report.tables import p_text, text
 
 ALPHA = 0.05
 Column = tuple[str, str, str, str]  # prefix of its columns, heading, subtitle, unit
-# All but the variance are better low.
+# Lower is better for all columns except the variance.
 _FIRST: tuple[Column, ...] = (
     ("generalisation_surface", "Generalisation", "surface distance", "mm"),
     ("unseen_generalisation_surface", "Generalisation, case unseen", "surface distance", "mm"),
@@ -31,17 +31,20 @@ _FURTHER: tuple[Column, ...] = (
     ("variance_kept", "Variance", "of the truth's", "percent"),
     ("variance", "Variance", "of its own", "percent"),
 )
-_MOST_WITH_P = 2  # intervals beside which p has a column of its own; otherwise it is on hover
+_MOST_WITH_P = 2  # with more intervals than this, p is shown on hover instead of in its own column
 _UNIT_TEXT = {"mm": "mm", "percent": "%"}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A method minus the full one, same cases: value with its 95 % interval low … high.
+    """A method minus the full one on the same cases: the value and its 95 % interval low … high.
 
-    p is adjusted for the number of methods (Holm), NaN where it was not computed. better, worse:
-    the interval leaves out 0, and p, where there is one, is below 0.05.
-    at, at_low, at_high: percent of the way along the axis that all rows share; 50 is no difference.
+    The verdict is better or worse if the interval does not contain 0 and p, if any, is below 0.05.
+
+    Attributes:
+        p: With Holm's correction for the number of methods; NaN if it was not computed.
+        at: Position on the axis that all rows share, in percent; 50 is no difference. at_low and
+            at_high are the positions of the interval's ends.
     """
 
     low: float
@@ -60,7 +63,7 @@ class Difference:
 
     @property
     def shown(self) -> str:
-        """With its sign, unless it rounds to nothing."""
+        """The value with its sign, unless it is rounded to zero."""
         return f"{'+' if float(f'{self.value:.2f}') > 0 else ''}{text(self.value)}"
 
     @property
@@ -81,17 +84,20 @@ class Difference:
 
 @dataclass(frozen=True)
 class Measure:
-    """One column: title above, subtitle with the unit; axis is the interval plot's half width."""
+    """One column; the subtitle holds the unit, and axis is half the width of the interval plot."""
 
     title: str
     subtitle: str
-    has_difference: bool  # drawn, with its interval
+    has_difference: bool  # whether the difference is drawn with its interval
     axis: str
 
 
 @dataclass(frozen=True)
 class MethodRow:
-    """uses_network, saw_case: None where not known or a floor; cells a value and a difference."""
+    """One row. Each cell has a value and a difference.
+
+    uses_network and saw_case are None if they are not known, and for the floor of the distance.
+    """
 
     method: str
     kind: str  # "method", "full" or "floor"
@@ -130,14 +136,18 @@ class MethodTable:
 def method_tables(
     metrics: Mapping[str, pd.DataFrame], has_network: bool = True
 ) -> tuple[MethodTable | None, MethodTable | None]:
-    """The table `comparison` for reading, best generalisation first: what is asked first, with
-    intervals, and the further measures; None where there is none.
+    """The table `comparison` in two parts, with the best generalisation first.
 
-    Columns that are absent are left out: only `method` must be there. `<prefix>_<unit>` is a value,
-    `_se_` its standard error, `_difference_`, `_low_` and `_high_` the paired difference from the
-    full method and its interval, `<prefix>_p` its adjusted p. `has_network`: whether the study
-    matches with one. The table `labels_mean` joins in, and
-    the floor of the Chamfer distance, where the scores hold it, is a row of its own at the end.
+    The first part has the main measures with intervals, and the second part the others. A part
+    without measures is None. Borders of labels come from the table `labels_mean`. If the scores
+    hold the floor of the Chamfer distance, it is the last row.
+
+    Args:
+        metrics: The tables. In `comparison` only the column `method` is required.
+            `<prefix>_<unit>` is a value and `_se_` its standard error. `_difference_`, `_low_` and
+            `_high_` are the paired difference from the full method and its interval, and
+            `<prefix>_p` is its adjusted p.
+        has_network: Whether the study uses a network.
     """
     table = metrics.get("comparison")
     if table is None or table.empty:
@@ -193,7 +203,7 @@ def _column(measure: Column) -> str:
 
 
 def _with_labels(comparison: pd.DataFrame, labels: pd.DataFrame | None) -> pd.DataFrame:
-    """The comparison with how far labels carried from case to case miss their borders."""
+    """The comparison with the distance by which transferred labels miss their borders."""
     if labels is None or "border_mm" not in labels:
         return comparison
     names = {
@@ -209,7 +219,7 @@ def _with_labels(comparison: pd.DataFrame, labels: pd.DataFrame | None) -> pd.Da
 
 
 def without_shown(comparison: pd.DataFrame) -> pd.DataFrame:
-    """What of a comparison the two tables of methods don't show; empty if that is nothing."""
+    """The columns of a comparison that the two tables of methods do not show; may be empty."""
     prefixes = "|".join(prefix for prefix, *_ in (*_FIRST, *_FURTHER))
     shown = re.compile(rf"({prefixes})_((se|difference|low|high)_)?(mm|percent|p)|uses_network")
     rest = [name for name in comparison if not shown.fullmatch(str(name))]
@@ -221,7 +231,7 @@ def without_shown(comparison: pd.DataFrame) -> pd.DataFrame:
 def method_traits(
     metrics: Mapping[str, pd.DataFrame], has_network: bool = True
 ) -> dict[str, tuple[bool | None, bool | None]]:
-    """Method → (uses a network, has seen the case it is scored on); None where not known.
+    """Method → (uses a network, has seen the case that it is scored on); None if not known.
 
     A column of the tables decides. Without one, `methods.METHODS` says whether the method uses a
     network, and `has_network` whether the study has one. S3M has its own.
@@ -272,20 +282,20 @@ def _difference(row: pd.Series, prefix: str, unit: str, reach: float) -> Differe
 
 
 def _range(table: pd.DataFrame, prefix: str, unit: str) -> float:
-    """Half the width of the interval plot: most ends lie inside, far ones stop at the edge."""
+    """Half the width of the interval plot: most ends lie inside it, the others at its edge."""
     parts = [
         f"{prefix}_{part}_{unit}" for part in ("low", "high") if f"{prefix}_{part}_{unit}" in table
     ]
     if not parts:
         return 1.0
     ends = table[parts].abs().max(axis=1).dropna()
-    # A method far off would press all others on the zero line.
+    # One very different method would compress all the others onto the zero line.
     reach = min(ends.max(), 2.5 * ends[ends > 0].median()) if (ends > 0).any() else 1.0
     return round_up(float(reach), FINE)
 
 
 def _floor(metrics: Mapping[str, pd.DataFrame], measures: Sequence[Column]) -> MethodRow | None:
-    """What two samplings of one surface have between them: no Chamfer distance can be lower."""
+    """The Chamfer distance between two samplings of one surface: no method can be below it."""
     values: dict[str, str] = {}
     for name in ("generalisation", "specificity"):
         table = metrics.get(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssm_pipeline.comparison.anatomy import what_the_evaluation_rests_on
+from ssm_pipeline.comparison.anatomy import evaluation_depends_on
 from ssm_pipeline.engine.stage import Stage
 from ssm_pipeline.stages.cohort_check import check_meshes
 from ssm_pipeline.stages.correspondence import match_cases
@@ -62,7 +62,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     Stage(
         "evaluation",
         evaluate_methods,
-        what_the_evaluation_rests_on,
+        evaluation_depends_on,
         needs=("shape_model",),
         version=3,
     ),

@@ -12,7 +12,7 @@ from tiny_study import tiny_settings
 
 from ssm_pipeline import load_run, storage
 from ssm_pipeline.commands.run_study import run_study
-from ssm_pipeline.comparison.anatomy import landmarks_of_cases, what_the_evaluation_rests_on
+from ssm_pipeline.comparison.anatomy import evaluation_depends_on, landmarks_of_cases
 from ssm_pipeline.data_prep.synthetic.phantoms import draw_truth
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
@@ -93,15 +93,15 @@ def test_landmarks_of_every_method(folder: Path) -> None:
 
 
 def test_what_landmark_files_hold_is_part_of_the_key(settings: StudySettings) -> None:
-    before = what_the_evaluation_rests_on(settings)
+    before = evaluation_depends_on(settings)
     folder = settings.evaluation.landmarks
     assert folder is not None
     path = folder / "phantom.000.mrk.json"
     content = path.read_text()
     path.write_text(content.replace('"a"', '"A"'))
-    assert what_the_evaluation_rests_on(settings) != before
+    assert evaluation_depends_on(settings) != before
     path.write_text(content)
-    assert what_the_evaluation_rests_on(settings) == before
+    assert evaluation_depends_on(settings) == before
 
 
 def surfaces() -> list[Mesh]:
