@@ -13,7 +13,9 @@ def in_processes(tasks: Iterable[Any], jobs: int, ordered: bool = True) -> Itera
 
     One thread in each process: threads that share many small queries wait for each other, and sums
     keep their order, so that results don't depend on `jobs`.
-    ordered  as the tasks are; else whichever is ready first.
+
+    Args:
+        ordered: As the tasks are; else whichever is ready first.
 
     >>> import joblib
     >>> list(in_processes([joblib.delayed(abs)(number) for number in (-1, 2)], jobs=1))

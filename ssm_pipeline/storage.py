@@ -50,9 +50,12 @@ WHAT_TO_TRY = {
 def written_whole(path: Path, mode: int = 0o644) -> Iterator[Path]:
     """Yield a temporary sibling of `path`; move it there only if the block succeeds.
 
-    mode    who may read it, from its first byte on: a run folder is shared, so all by default;
+    Args:
+        mode: Who may read it, from its first byte on: a run folder is shared, so all by default;
             0o600: its owner.
-    Raises StudyError where the disk is full, or the folder can't be written to.
+
+    Raises:
+        StudyError: Where the disk is full, or the folder can't be written to.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -180,7 +183,10 @@ def save(record: Any, path: Path) -> None:
 
 
 def load(kind: type[Record], path: Path) -> Record:
-    """Read a record of the given class. Raises DamagedFile if the file does not hold a whole one.
+    """Read a record of the given class.
+
+    Raises:
+        DamagedFile: If the file does not hold a whole one.
 
     >>> load(Similarity, Path("runs/none.npz"))
     Traceback (most recent call last):

@@ -35,12 +35,15 @@ def find_cases(
 ) -> Cohort:
     """The lung masks of a LUNA16 download; nothing is read before a case is loaded.
 
-    folder  holds the masks, or a `seg-lungs-LUNA16` folder with them.
-    side    `both` makes two cases of each scan, `<seriesuid>.left` and `<seriesuid>.right`.
-    subset  keeps the scans whose CT lies in `subset<k>/*.mhd` beside the masks' folder.
-    choice  of series UIDs; limit counts scans. mirror is of `both`; exclude names a case, or a
+    Args:
+        folder: Holds the masks, or a `seg-lungs-LUNA16` folder with them.
+        side: `both` makes two cases of each scan, `<seriesuid>.left` and `<seriesuid>.right`.
+        subset: Keeps the scans whose CT lies in `subset<k>/*.mhd` beside the masks' folder.
+        choice: Of series UIDs; limit counts scans. mirror is of `both`; exclude names a case, or a
             series UID for both its sides.
-    Raises  StudyError for a folder without masks, a missing subset, an unknown or doubled case.
+
+    Raises:
+        StudyError: For a folder without masks, a missing subset, an unknown or doubled case.
     """
     masks = _mask_folder(folder)
     files = [path for path in masks.iterdir() if is_image(path)]

@@ -26,11 +26,12 @@ from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError
 class Organ:
     """What of an image is the organ.
 
-    labels     united: (1, 2) is a hippocampus of anterior and posterior part.
-    segments   names, united, in place of labels: 3D Slicer's .seg.nrrd, and DICOM SEG.
-    threshold  in place of labels: the voxels above it, of a probability map.
-    name       in messages.
-    allow_truncated  whether one that touches the image border is kept, with a warning.
+    Attributes:
+        labels: United: (1, 2) is a hippocampus of anterior and posterior part.
+        segments: Names, united, in place of labels: 3D Slicer's .seg.nrrd, and DICOM SEG.
+        threshold: In place of labels: the voxels above it, of a probability map.
+        name: In messages.
+        allow_truncated: Whether one that touches the image border is kept, with a warning.
     """
 
     labels: tuple[int, ...] = (1,)
@@ -56,9 +57,12 @@ def find_cases(
 ) -> Cohort:
     """The label images of a folder; nothing is read before a case is loaded.
 
-    pattern   a glob below `folder`; None: every label image directly in it, or, of segmentations
-              with named segments, the one in each of its folders. `case_name` tells the ids.
-    Raises    StudyError if nothing matches, two files share one id, or a named case is missing.
+    Args:
+        pattern: A glob below `folder`; None: every label image directly in it, or, of segmentations
+            with named segments, the one in each of its folders. `case_name` tells the ids.
+
+    Raises:
+        StudyError: If nothing matches, two files share one id, or a named case is missing.
     """
     if 0 in organ.labels:
         raise StudyError("label 0 is the background, and no organ. Name the organ's own label.")

@@ -22,10 +22,11 @@ _OF_A_RUN = re.compile(
 class Choice:
     """Which of the cases found are taken, and how.
 
-    cases    ids, in the order wanted; None: all.
-    limit    at most so many; None: all.
-    mirror   the side that is reflected, so that left and right are one cohort.
-    exclude  case id, or patient, → why it is left out.
+    Attributes:
+        cases: Ids, in the order wanted; None: all.
+        limit: At most so many; None: all.
+        mirror: The side that is reflected, so that left and right are one cohort.
+        exclude: Case id, or patient, → why it is left out.
     """
 
     cases: tuple[str, ...] | None = None
@@ -42,8 +43,11 @@ def files_below(
 ) -> list[Path]:
     """The wanted files directly in a folder, or those below it that match a glob, sorted.
 
-    what    names them in messages.
-    Raises  StudyError for a folder that is absent, a pattern that leaves it, or no file.
+    Args:
+        what: Names them in messages.
+
+    Raises:
+        StudyError: For a folder that is absent, a pattern that leaves it, or no file.
     """
     if not folder.is_dir():
         raise StudyError(f"there is no folder {folder}. Give the folder that holds the {what}.")
@@ -69,7 +73,11 @@ def _check_pattern(pattern: str) -> None:
 
 
 def unique_by_id(named_files: Iterable[tuple[str, Path]]) -> dict[str, Path]:
-    """Case id → file, sorted by id. Raises StudyError if two files share one id."""
+    """Case id → file, sorted by id.
+
+    Raises:
+        StudyError: If two files share one id.
+    """
     by_id: dict[str, Path] = {}
     for case_id, path in sorted(named_files):
         if case_id in by_id:
@@ -84,7 +92,8 @@ def unique_by_id(named_files: Iterable[tuple[str, Path]]) -> dict[str, Path]:
 def choose(by_id: dict[str, Path], choice: Choice) -> dict[str, Path]:
     """The files of the cases chosen.
 
-    Raises StudyError for a name that was not found or is given twice, or a limit below 1.
+    Raises:
+        StudyError: For a name that was not found or is given twice, or a limit below 1.
     """
     cases, limit = choice.cases, choice.limit
     if limit is not None and limit < 1:
@@ -102,8 +111,11 @@ def choose(by_id: dict[str, Path], choice: Choice) -> dict[str, Path]:
 def cohort_of(name: str, sources: Sequence[CaseSource], exclude: Mapping[str, str]) -> Cohort:
     """The sources as a cohort, without those that the user excludes or whose id can't be used.
 
-    exclude  case id, or patient, → the reason, which is shown beside the case.
-    Raises   StudyError for an excluded name that is no case, or a reason left empty.
+    Args:
+        exclude: Case id, or patient, → the reason, which is shown beside the case.
+
+    Raises:
+        StudyError: For an excluded name that is no case, or a reason left empty.
     """
     known = {source.case_id for source in sources} | {source.patient for source in sources}
     for case_id, reason in exclude.items():

@@ -42,10 +42,11 @@ def is_mirrored(case_id: str, mirrored: str | None) -> bool:
 
 
 def mirror_side(sources: Sequence[CaseSource], mirrored: Side | None) -> list[CaseSource]:
-    """The sources, those of one side reflected when loaded (x → −x), each with its patient:
-    the one that it has, or the id without its side. None: as they are.
+    """The sources, those of one side reflected when loaded (x → −x), each with its patient: the one
+    that it has, or the id without its side. None: as they are.
 
-    Raises StudyError where an id does not say its side.
+    Raises:
+        StudyError: Where an id does not say its side.
     """
     if mirrored is None:
         return list(sources)

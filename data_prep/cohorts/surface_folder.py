@@ -42,9 +42,13 @@ def find_cases(
 ) -> Cohort:
     """The surfaces of a folder; nothing is read before a case is loaded.
 
-    pattern  a glob below `folder`; None: every surface directly in it. `case_name` tells the ids.
-    unit, space   as `read_surface` takes them.
-    Raises   StudyError if nothing matches, two files share one id, or a named case is missing.
+    Args:
+        pattern: A glob below `folder`; None: every surface directly in it. `case_name` tells the
+            ids.
+        unit, space: As `read_surface` takes them.
+
+    Raises:
+        StudyError: If nothing matches, two files share one id, or a named case is missing.
     """
     files = files_below(folder, pattern, is_surface, f"surfaces ({', '.join(SUFFIXES)})")
     by_id = unique_by_id(
@@ -67,9 +71,12 @@ def read_surface(
 ) -> Surface:
     """Read one file as a Surface in mm LPS.
 
-    unit    of the file's numbers. None: taken as millimetres, if the size could be an organ's.
-    space   of a file that does not say it (`SPACE=RAS` in its header); None: LPS.
-    Raises  CaseError for a file that can't be read, says another space than `space`, or, without
+    Args:
+        unit: Of the file's numbers. None: taken as millimetres, if the size could be an organ's.
+        space: Of a file that does not say it (`SPACE=RAS` in its header); None: LPS.
+
+    Raises:
+        CaseError: For a file that can't be read, says another space than `space`, or, without
             `unit`, has a size that no organ has in millimetres.
     """
     vertices, faces, stated = read_triangles(path, case_id)

@@ -15,7 +15,8 @@ MOST_SLICES = 10_000  # two metres at 0.2 mm: between frames that lie farther ap
 def is_dicom_seg(path: Path) -> bool:
     """True for a DICOM file whose modality is SEG; its header alone is read.
 
-    Raises StudyError where pydicom is not installed.
+    Raises:
+        StudyError: Where pydicom is not installed.
     """
     with path.open("rb") as file:
         if file.read(132)[128:] != b"DICM":
@@ -37,9 +38,11 @@ def is_dicom_seg(path: Path) -> bool:
 def read_dicom_segments(path: Path, case_id: str) -> list[tuple[str, LabelImage, int]]:
     """Of every segment its label, an image, and the value that it has in it.
 
-    Frames without a voxel of any segment are mostly left out of such files; an empty slice is
-    put at both ends, so whether the organ was cut off there can't be known.
-    Raises CaseError for a file that is damaged or no regular grid.
+    Frames without a voxel of any segment are mostly left out of such files; an empty slice is put
+    at both ends, so whether the organ was cut off there can't be known.
+
+    Raises:
+        CaseError: For a file that is damaged or no regular grid.
     """
     import highdicom
 

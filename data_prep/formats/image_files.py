@@ -42,7 +42,9 @@ def check_header(path: Path, case_id: str) -> NiftiFile | None:
     """Raise CaseError for a header whose spacing is not usable or whose data file is missing.
 
     A NIfTI file is also decompressed to its end, as SimpleITK would not notice one cut short.
-    Returns its header, whose transforms SimpleITK does not always follow; None for other formats.
+
+    Returns:
+        Its header, whose transforms SimpleITK does not always follow; None for other formats.
     """
     suffix = image_suffix(path)
     if suffix in (".mhd", ".mha"):

@@ -17,7 +17,11 @@ COPIES, MORE_BYTES = 2, 8
 
 
 def needed_gb(path: Path) -> float:
-    """To read an image and mesh an organ that fills it. Raises RuntimeError for no image."""
+    """To read an image and mesh an organ that fills it.
+
+    Raises:
+        RuntimeError: For no image.
+    """
     header = sitk.ImageFileReader()
     header.SetFileName(str(path))
     header.ReadImageInformation()

@@ -19,7 +19,8 @@ from ssm_pipeline.records import CaseError, Mask
 def read_labels(path: Path, case_id: str) -> LabelImage:
     """Read `.mhd`, `.mha`, `.nrrd`, `.nii` or `.nii.gz`. SimpleITK gives LPS for all of them.
 
-    Raises CaseError for a file that is missing, damaged, not 3D, or without a usable spacing.
+    Raises:
+        CaseError: For a file that is missing, damaged, not 3D, or without a usable spacing.
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
@@ -60,8 +61,12 @@ def _check_three_dimensions(size: Sequence[int], values: int, path: Path, case_i
 
 
 def read_image(path: Path, case_id: str) -> sitk.Image:
-    """SimpleITK's image. Raises CaseError where SimpleITK can't read the file, StudyError where
-    there is not the memory for it."""
+    """SimpleITK's image.
+
+    Raises:
+        CaseError: Where SimpleITK can't read the file.
+        StudyError: Where there is not the memory for it.
+    """
     try:
         refuse_too_large(needed_gb(path), path, case_id)
         return sitk.ReadImage(str(path))

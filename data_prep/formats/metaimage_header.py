@@ -44,7 +44,8 @@ LARGEST = 1e9  # of any such number: a kilometre in micrometres
 def check_metaimage(fields: dict[str, str], data_bytes: int, path: Path, case_id: str) -> None:
     """Raise CaseError unless the fields describe one 3D volume that the data can hold.
 
-    data_bytes  length of the voxel data as they lie on the disk.
+    Args:
+        data_bytes: Length of the voxel data as they lie on the disk.
     """
 
     def refuse(found: str, needed: str) -> CaseError:

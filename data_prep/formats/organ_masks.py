@@ -25,8 +25,10 @@ def select_labels(
     """The union of `labels` as a Mask, or the voxels above `threshold`; `organ` names it.
 
     Of several labels the mask keeps which voxel has which.
-    Raises CaseError if a label is absent, the organ is too small, or the image holds values
-    between whole numbers and no threshold is given; and as `organ_mask` does.
+
+    Raises:
+        CaseError: If a label is absent, the organ is too small, or the image holds values between
+            whole numbers and no threshold is given; and as `organ_mask` does.
     """
     if threshold is not None:
         named = f"{organ} (above {threshold:g})"
@@ -65,8 +67,11 @@ def organ_mask(
 ) -> Mask:
     """Voxels (Z, Y, X) bool of one organ, `named` in messages, as a Mask.
 
-    An organ on the image border is cut off: a warning on the Mask, or, without
-    `allow_truncated`, a CaseError. Raises CaseError if the organ is too small.
+    An organ on the image border is cut off: a warning on the Mask, or, without `allow_truncated`, a
+    CaseError.
+
+    Raises:
+        CaseError: If the organ is too small.
     """
     count = int(np.count_nonzero(voxels))
     if count < MIN_VOXELS:

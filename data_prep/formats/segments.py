@@ -38,9 +38,12 @@ def read_segments(
     Of several the mask keeps which voxel has which, 1 … in the order of the names; where they
     overlap, the first.
 
-    threshold  for fractional DICOM SEG: a voxel above it is organ.
-    Raises     CaseError for a damaged file, one without names, and a segment that is not there or
-               there twice.
+    Args:
+        threshold: For fractional DICOM SEG: a voxel above it is organ.
+
+    Raises:
+        CaseError: For a damaged file, one without names, and a segment that is not there or there
+            twice.
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")

@@ -62,7 +62,11 @@ def read_slicer_segments(path: Path, case_id: str) -> Segments:
 def _places(
     image: sitk.Image, array: np.ndarray, numbers: list[int], path: Path, case_id: str
 ) -> list[tuple[int, int]]:
-    """Layer and label value of each segment. Raises CaseError where the file does not tell."""
+    """Layer and label value of each segment.
+
+    Raises:
+        CaseError: Where the file does not tell.
+    """
     layers = array.shape[-1]
     stated = [
         (_number(image, f"Segment{number}_Layer"), _number(image, f"Segment{number}_LabelValue"))

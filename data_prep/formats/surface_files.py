@@ -42,13 +42,15 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
         TypeError: For anything but one path.
         CaseError: For a file that is missing, damaged, of another kind, or without faces.
 
-    >>> from pathlib import Path
-    >>> _ = Path("case_7.off").write_text(
-    ...     "OFF 4 4 0\\n0 0 0\\n9 0 0\\n0 9 0\\n0 0 9\\n3 0 2 1\\n3 0 1 3\\n3 1 2 3\\n3 0 3 2\\n"
-    ... )
-    >>> mesh = read_mesh("case_7.off")
-    >>> mesh.case_id, mesh.vertices.shape, mesh.faces.shape
-    ('case_7', (4, 3), (4, 3))
+    Examples:
+        >>> from pathlib import Path
+        >>> _ = Path("case_7.off").write_text(
+        ...     "OFF 4 4 0\\n0 0 0\\n9 0 0\\n0 9 0\\n0 0 9\\n"
+        ...     "3 0 2 1\\n3 0 1 3\\n3 1 2 3\\n3 0 3 2\\n"
+        ... )
+        >>> mesh = read_mesh("case_7.off")
+        >>> mesh.case_id, mesh.vertices.shape, mesh.faces.shape
+        ('case_7', (4, 3), (4, 3))
     """
     require_type(path, (str, Path), "path", "Read several files one by one.")
     path = Path(path)

@@ -35,9 +35,13 @@ _BRIDGES = "cross_category_corres"
 def read_matching_folder(folder: Path, between: Between = "all") -> ShapesWithTruth:
     """All shapes of the folder in natural order (`cat2` before `cat10`), in any of the layouts.
 
-    between  which pairs count where shapes come in categories.
-    Raises StudyError without meshes, CaseError naming a shape that can't be read, has no
-    correspondences, or whose correspondences name missing vertices.
+    Args:
+        between: Which pairs count where shapes come in categories.
+
+    Raises:
+        StudyError: Without meshes.
+        CaseError: Naming a shape that can't be read, has no correspondences, or whose
+            correspondences name missing vertices.
     """
     off_folder = folder / "off" if (folder / "off").is_dir() else folder
     paths = sorted(off_folder.rglob("*.off"), key=lambda path: _natural(path.as_posix()))

@@ -29,8 +29,9 @@ class ShapesWithTruth(Protocol):
 class MatchingSet:
     """Shapes that share one template, as FAUST_r.
 
-    template_to_shape  per mesh (R,) int from 0: the vertex of that mesh which corresponds to each
-                       template vertex; R is the same for all.
+    Attributes:
+        template_to_shape: Per mesh (R,) int from 0: the vertex of that mesh which corresponds to
+            each template vertex; R is the same for all.
     """
 
     meshes: tuple[Mesh, ...]
@@ -58,12 +59,12 @@ class MatchingSet:
 class CategorySet:
     """Shapes in categories, each with a template of its own, as DT4D-H.
 
-    categories         per mesh, its category.
-    template_to_shape  per mesh (R,) int; R is the same within a category.
-    bridges            (first, second) category → (R_first,) int: the second template's vertex for
-                       each vertex of the first. Between categories only these pairs are known, in
-                       this order.
-    between            which pairs to count.
+    Attributes:
+        categories: Per mesh, its category.
+        template_to_shape: Per mesh (R,) int; R is the same within a category.
+        bridges: (first, second) category → (R_first,) int: the second template's vertex for each
+            vertex of the first. Between categories only these pairs are known, in this order.
+        between: Which pairs to count.
     """
 
     meshes: tuple[Mesh, ...]

@@ -12,9 +12,12 @@ from ssm_pipeline.records import Mesh, PhantomTruth, StudyError
 def remeshed_phantoms(truth: PhantomTruth, vertex_counts: Sequence[int]) -> MatchingSet:
     """Remesh each phantom's true surface for itself, to about the given number of vertices.
 
-    The true points are the common template: each corresponds to the nearest vertex of the
-    remeshed surface, so the truth is exact up to half an edge. Give different counts, or no two
-    shapes will differ in density. Raises StudyError if there isn't one count a case.
+    The true points are the common template: each corresponds to the nearest vertex of the remeshed
+    surface, so the truth is exact up to half an edge. Give different counts, or no two shapes will
+    differ in density.
+
+    Raises:
+        StudyError: If there isn't one count a case.
     """
     if len(vertex_counts) != len(truth.case_ids):
         raise StudyError(

@@ -13,11 +13,12 @@ def chosen_shapes(
 ) -> list[int]:
     """Numbers of the shapes that `text` names, in order.
 
-    text       `80:100`, counting from 0, the end left out; or `train_cat.txt`, a file of the
-               folder with a name a line, as SMAL_r and DT4D-H come with; or beginnings of names,
-               `dog,fox`: SMAL_r by species; or nothing: all.
-    option     what to call it in messages.
-    leave_out  names of shapes, or of categories, that never count: SHREC'19's partial shape 40.
+    Args:
+        text: `80:100`, counting from 0, the end left out; or `train_cat.txt`, a file of the folder
+            with a name a line, as SMAL_r and DT4D-H come with; or beginnings of names, `dog,fox`:
+            SMAL_r by species; or nothing: all.
+        option: What to call it in messages.
+        leave_out: Names of shapes, or of categories, that never count: SHREC'19's partial shape 40.
 
     >>> from ssm_pipeline.records import Mesh
     >>> import numpy as np

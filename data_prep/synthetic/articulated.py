@@ -45,7 +45,10 @@ def articulated_figure(settings: ArticulatedSettings, index: int) -> Figure:
     """One shape of the set: the same whatever others are made.
 
     Poses in which parts touch are drawn again, since there the nearest vertex may lie on another
-    part. Raises StudyError if none of 200 poses is free of contact.
+    part.
+
+    Raises:
+        StudyError: If none of 200 poses is free of contact.
     """
     number, own_build = _person_of(settings, index)
     build = draw_build(_generator(settings, _BODY, number), own_build)

@@ -54,7 +54,9 @@ def merged_figure(settings: ArticulatedSettings, index: int) -> MergedFigure:
     """Figure `index` of the set, from 1 on: the same whatever others are made.
 
     The persons take turns. Poses are drawn until 1 to 12 % of the skin lies in another part.
-    Raises StudyError if none of 100 poses does.
+
+    Raises:
+        StudyError: If none of 100 poses does.
     """
     number = index % settings.persons
     build = draw_build(np.random.default_rng([settings.seed, _BODY, number]), "near-isometric")

@@ -54,7 +54,8 @@ def family_named(name: str) -> PhantomFamily:
 def draw_cases(family: PhantomFamily, settings: PhantomSettings) -> list[Case]:
     """Every case from a stream of its own: case k is the same in a larger cohort.
 
-    Raises StudyError for more modes than the family has.
+    Raises:
+        StudyError: For more modes than the family has.
     """
     modes = family.modes[: settings.modes]
     if settings.modes is not None and len(modes) < settings.modes:

@@ -16,19 +16,21 @@ from ssm_pipeline.data_prep.synthetic.phantom_flow import Velocity
 class PhantomFamily:
     """An anatomy, in LPS millimetres.
 
-    vertices, faces   the mean surface: closed, outward, about even triangles.
-    modes             velocity fields, one standard deviation each.
-    border            (V,) mm: on which side of the border between the two labels a vertex lies;
-                      label 1 where negative, 2 elsewhere.
-    pivot             (3,) mm, what a turned patient turns about.
     residual_mm, residual_widths_mm
                       size and widths of what no mode describes, each case's own.
     in_plane_mm, slice_mm
                       range of voxel sizes along x and y, and along z.
-    bridge_mm         radius of bridges and tunnels, `hilum` (K,) the vertices they start from.
     bridge_share, cut_share
                       of the cases, those with a bridge or tunnel, and those whose top or bottom
                       lies outside the field of view.
+
+    Attributes:
+        vertices, faces: The mean surface: closed, outward, about even triangles.
+        modes: Velocity fields, one standard deviation each.
+        border: (V,) mm: on which side of the border between the two labels a vertex lies; label 1
+            where negative, 2 elsewhere.
+        pivot: (3,) mm, what a turned patient turns about.
+        bridge_mm: Radius of bridges and tunnels, `hilum` (K,) the vertices they start from.
     """
 
     organ: str
@@ -56,8 +58,10 @@ def level_surface(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) mm and faces (F, 3) of {outside_mm = 0}, in even triangles.
 
-    outside_mm  (Q, 3) → (Q,) about the signed distance, negative inside.
-    low, high   corners of the box searched on a grid of `step_mm`; edge_mm: of the triangles.
+    Args:
+        outside_mm: (Q, 3) → (Q,) about the signed distance, negative inside.
+        low, high: Corners of the box searched on a grid of `step_mm`
+        edge_mm: Of the triangles.
     """
     axes = [np.arange(a, b + step_mm, step_mm) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -101,8 +101,10 @@ def random_velocity(
 ) -> Bumps:
     """A smooth random velocity near a surface (V, 3) mm: Gaussian bumps at random points of it.
 
-    widths_mm  of the bumps' Gaussians: so many bumps of each, pushing the more the wider they are.
-    rms_mm     root mean square of the velocity over the surface's points.
+    Args:
+        widths_mm: Of the bumps' Gaussians: so many bumps of each, pushing the more the wider they
+            are.
+        rms_mm: Root mean square of the velocity over the surface's points.
     """
     widths = np.repeat(np.asarray(widths_mm, float), bumps)
     centres = surface[generator.integers(len(surface), size=len(widths))]

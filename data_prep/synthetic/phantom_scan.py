@@ -103,8 +103,9 @@ def segmented(
 ) -> np.ndarray:
     """(Z, Y, X) bool: occupancy with its handles, blurred and disturbed, above one half.
 
-    noise  standard deviation of what is added to the blurred occupancy; correlated over about a
-           voxel, and too small to flip what lies away from the border.
+    Args:
+        noise: Standard deviation of what is added to the blurred occupancy; correlated over about a
+            voxel, and too small to flip what lies away from the border.
     """
     for handle in handles:
         share = _with_handle(share, grid, handle)
@@ -124,8 +125,9 @@ def two_labels(
 ) -> np.ndarray:
     """(Z, Y, X) uint8: 1 where the nearest surface points lie before the border, 2 beyond.
 
-    border  (V,) mm, negative before; interpolated between the four nearest vertices, on a grid of
-            at most 50 000 points that all voxels are read from.
+    Args:
+        border: (V,) mm, negative before; interpolated between the four nearest vertices, on a grid
+            of at most 50 000 points that all voxels are read from.
     """
     stride = max(1, int(np.ceil((voxels.size / 50_000) ** (1 / 3))))
     coarse = [axis[::stride] for axis in grid.axes()]

@@ -28,8 +28,10 @@ _SETTINGS_FILE, _TRUTH_FILE = "phantoms.json", "truth.npz"
 def make_cohort(folder: Path, settings: PhantomSettings | None = None) -> Cohort:
     """Write the phantoms to `folder` and return them with their truth.
 
-    The same settings give the same bytes; a folder that already holds them is read, not
-    written. Raises StudyError if the folder holds files of another kind.
+    The same settings give the same bytes; a folder that already holds them is read, not written.
+
+    Raises:
+        StudyError: If the folder holds files of another kind.
     """
     settings = settings or PhantomSettings()
     stated = {"generator_version": GENERATOR_VERSION, "settings": settings.model_dump(mode="json")}
@@ -54,7 +56,11 @@ def make_cohort(folder: Path, settings: PhantomSettings | None = None) -> Cohort
 
 
 def read_cohort(folder: Path) -> Cohort:
-    """The organs of a phantom folder, with their truth. Raises StudyError without one."""
+    """The organs of a phantom folder, with their truth.
+
+    Raises:
+        StudyError: Without one.
+    """
     path, marker = folder / _TRUTH_FILE, folder / _SETTINGS_FILE
     if not (path.is_file() and marker.is_file()):
         raise StudyError(f"{folder} holds no finished phantom cohort. Make it with make_cohort.")
@@ -98,7 +104,11 @@ def _write_scans(folder: Path, settings: PhantomSettings) -> PhantomTruth:
 
 
 def _write(image: sitk.Image, path: Path) -> None:
-    """The image, and for .mhd its voxels beside it. Raises StudyError where the disk refuses."""
+    """The image, and for .mhd its voxels beside it.
+
+    Raises:
+        StudyError: Where the disk refuses.
+    """
     try:
         sitk.WriteImage(image, str(path), useCompression=True)
     except RuntimeError as error:  # ITK's only kind

@@ -34,10 +34,13 @@ def adapt(
 ) -> Adapted:
     """Offsets Δ that bring the surface X onto Y and stay smooth, all at unit area.
 
-    laplacian  the template's. seed: of the samples on both surfaces.
-    pull       where a map says the vertices go, if it is to be heard.
-    Source: Cao et al. 2024, Eq. 15, with the balance of
-    AdaptationSettings.stiffness and Gauss–Newton in place of VectorAdam.
+    Args:
+        laplacian: The template's.
+        seed: Of the samples on both surfaces.
+        pull: Where a map says the vertices go, if it is to be heard.
+
+    Source: Cao et al. 2024, Eq. 15, with the balance of AdaptationSettings.stiffness and
+    Gauss–Newton in place of VectorAdam.
     """
     generator = np.random.default_rng(seed)
     objective = AdaptationObjective(x, laplacian, y, settings, generator, pull)

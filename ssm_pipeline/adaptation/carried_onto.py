@@ -18,7 +18,9 @@ def carried_onto(
 ) -> Correspondence:
     """Every point's nearest place on the case's triangles, and the case's nearest vertex.
 
-    laid    (V, 3) in the space of `case.vertices`; fitted: the same in millimetres.
+    Args:
+        laid: (V, 3) in the space of `case.vertices`
+        fitted: The same in millimetres.
     """
     on_case = closest_points(laid, case.vertices, case.faces)
     _, nearest_vertex = cKDTree(case.vertices).query(laid)

@@ -97,7 +97,11 @@ def correspond_bases(
 
 
 def pair_method(name: str) -> Method:
-    """The method of `correspond` that has this name. Raises StudyError if there is none."""
+    """The method of `correspond` that has this name.
+
+    Raises:
+        StudyError: If there is none.
+    """
     try:
         return method_named(name, base_methods("pair"))
     except ValueError as error:
@@ -137,7 +141,8 @@ def correspond_again(
 ) -> Correspondence:
     """Match by adaptation alone, from a shape on the template's faces already laid on the case.
 
-    start  (V, 3) mm, in the case's own space: a cohort's mean shape, say.
+    Args:
+        start: (V, 3) mm, in the case's own space: a cohort's mean shape, say.
     """
     posed = case.frame.inverse().apply(start)
     offsets = _adapted(posed, template, case, settings, seed).offsets

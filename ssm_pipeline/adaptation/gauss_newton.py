@@ -15,13 +15,15 @@ PAIRS = [(a, b) for a in range(3) for b in range(3)]
 def gauss_newton(
     objective: AdaptationObjective, steps: int = 10, tangential: float = 0.005
 ) -> tuple[np.ndarray, list[float]]:
-    """Minimise from Δ = 0. Returns the best offsets (V, 3) and the objective before each step
-    and at the end.
+    """Minimise from Δ = 0.
 
     Each step finds the nearest samples, replaces their squared distances by the distance to the
-    tangent plane there plus `tangential` times the distance along it, and solves the sparse
-    system. Sliding is cheap, as it is on a surface. The last steps weigh both alike: with the
-    neighbours held that is the objective itself, so those can only lower it.
+    tangent plane there plus `tangential` times the distance along it, and solves the sparse system.
+    Sliding is cheap, as it is on a surface. The last steps weigh both alike: with the neighbours
+    held that is the objective itself, so those can only lower it.
+
+    Returns:
+        The best offsets (V, 3) and the objective before each step and at the end.
     """
     system = _System(objective)
     offsets = np.zeros_like(objective.vertices)

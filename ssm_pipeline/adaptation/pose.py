@@ -28,10 +28,12 @@ def pose_path(
     """(T, V, 3) unit area: X(t) = X + t Ω on the template's vertices, at each of `times` (T,).
 
     The map is found on the meshes as they are; the interpolator is given Y[map].
-    coarse  the same two surfaces as densely triangulated as the meshes that were trained on. The
-            interpolator sees one-rings, so it is at home there; its displacements are then carried
-            to the template's own vertices.
-    target  `carried_case` of the two, where it is known already.
+
+    Args:
+        coarse: The same two surfaces as densely triangulated as the meshes that were trained on.
+            The interpolator sees one-rings, so it is at home there; its displacements are then
+            carried to the template's own vertices.
+        target: `carried_case` of the two, where it is known already.
     """
     target = carried_case(template, case, matcher) if target is None else target
     if coarse is None:

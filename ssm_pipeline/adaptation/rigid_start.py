@@ -22,7 +22,8 @@ def rigid_motion(
 ) -> Similarity:
     """Lays the template on the case, both at unit area and centred: iterative closest points.
 
-    seed  of the samples of both surfaces: every method that starts here starts alike.
+    Args:
+        seed: Of the samples of both surfaces: every method that starts here starts alike.
     """
     generator = np.random.default_rng(seed)
     return iterative_closest_point(

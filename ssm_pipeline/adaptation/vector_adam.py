@@ -13,11 +13,15 @@ def vector_adam(
     learning_rate: float = 1e-3,
     betas: tuple[float, float] = (0.9, 0.999),
 ) -> tuple[np.ndarray, list[float]]:
-    """Minimise from Δ = 0. Returns the last offsets (V, 3) and the objective at every 50th step.
+    """Minimise from Δ = 0.
 
-    Adam whose second moment is the squared length of each vertex's gradient, so that the steps
-    turn with the shape. Source: Ling et al. 2022, "VectorAdam for rotation equivariant geometry
-    optimization".
+    Adam whose second moment is the squared length of each vertex's gradient, so that the steps turn
+    with the shape.
+
+    Returns:
+        The last offsets (V, 3) and the objective at every 50th step.
+
+    Source: Ling et al. 2022, "VectorAdam for rotation equivariant geometry optimization".
     """
     offsets = np.zeros_like(objective.vertices)
     first, second = np.zeros_like(offsets), np.zeros((len(offsets), 1))

@@ -15,7 +15,10 @@ def cpd_fitted(
 
     A Gaussian mixture at the template's vertices explains the case's, under a Gaussian-process
     prior on the displacements. The faces are not looked at.
-    Raises ImportError where rustcpd is not installed.
+
+    Raises:
+        ImportError: Where rustcpd is not installed.
+
     Source: Myronenko and Song 2010, "Point set registration: coherent point drift".
     """
     import rustcpd

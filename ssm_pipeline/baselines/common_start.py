@@ -14,9 +14,10 @@ from ssm_pipeline.records import Mesh
 def rigid_start(template: Mesh, case: Mesh, seed: int) -> Similarity:
     """The similarity that lays a template on a case: both at unit area, centred, then rigid ICP.
 
-    Returns the frame from the template's millimetres to the case's. Its scale is the ratio of the
-    two √area; the motion is found without it, so that a small organ turns as easily as a large one.
-    seed: of the samples of both surfaces.
+    Returns:
+        The frame from the template's millimetres to the case's. Its scale is the ratio of the two
+        √area; the motion is found without it, so that a small organ turns as easily as a large one.
+        seed: of the samples of both surfaces.
 
     >>> import numpy as np
     >>> corner = Mesh([[0, 0, 0], [9, 0, 0], [0, 3, 0], [0, 0, 1]],
@@ -39,7 +40,8 @@ def meshes_at_common_start(
 ) -> tuple[list[Mesh], list[Similarity]]:
     """The meshes turned and moved onto the template, sizes kept, by `rigid_start`.
 
-    Returns them, and for each the frame from the aligned millimetres back to its own.
+    Returns:
+        Them, and for each the frame from the aligned millimetres back to its own.
     """
     frames = []
     for mesh in meshes:

@@ -43,7 +43,11 @@ def main() -> None:
 
 
 def _say_error(error: Exception) -> int:
-    """Print what went wrong and what to try. Returns the exit code."""
+    """Print what went wrong and what to try.
+
+    Returns:
+        The exit code.
+    """
     from ssm_pipeline.engine.per_case import CaseFailure
     from ssm_pipeline.records import CaseError, StudyError
 

@@ -23,10 +23,13 @@ def check_cohort(
 ) -> pd.DataFrame:
     """A row per case, as `judge` returns it: who does not look like the others, and why.
 
-    meshes  closed, mm, each with its case id; at least 2.
-    seed    of the points that the surfaces are compared by.
-    left_out_percent  case → what was left out of it as separate pieces, where known.
-    Raises  StudyError for fewer than 2 meshes.
+    Args:
+        meshes: Closed, mm, each with its case id; at least 2.
+        seed: Of the points that the surfaces are compared by.
+        left_out_percent: Case → what was left out of it as separate pieces, where known.
+
+    Raises:
+        StudyError: For fewer than 2 meshes.
     """
     if len(meshes) < 2:
         raise StudyError(f"{len(meshes)} case(s); to compare them, at least 2 are needed.")

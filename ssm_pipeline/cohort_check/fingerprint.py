@@ -49,7 +49,8 @@ def log_spectra(table: pd.DataFrame) -> np.ndarray:
 def typical_cases(case_ids: Sequence[str], table: pd.DataFrame) -> tuple[str, ...]:
     """The few cases nearest to the cohort's median in size, compactness and spectrum.
 
-    table  a row of fingerprint numbers per case, in the order of case_ids.
+    Args:
+        table: A row of fingerprint numbers per case, in the order of case_ids.
     """
     sizes = np.log(table[["volume_ml", "compactness"]].to_numpy(float))
     features = np.hstack([sizes, log_spectra(table)])

@@ -36,8 +36,9 @@ def robust_z(values: np.ndarray) -> np.ndarray:
 def is_handed(mirrored_ratios: np.ndarray) -> bool:
     """Whether the cohort's mirror images can be told: most lie clearly worse, or clearly better.
 
-    mirrored_ratios  (N,) distance of the mirror image over the distance as it is. True of a cohort
-                     of both sides, too.
+    Args:
+        mirrored_ratios: (N,) distance of the mirror image over the distance as it is. True of a
+            cohort of both sides, too.
     """
     sizes = np.abs(np.log(mirrored_ratios))
     middle = float(np.median(sizes))
@@ -48,12 +49,15 @@ def is_handed(mirrored_ratios: np.ndarray) -> bool:
 def judge(table: pd.DataFrame, twins: Sequence[tuple[str, str, str]] = ()) -> pd.DataFrame:
     """The cohort check's table: numbers, robust z-scores, and remarks where a case is striking.
 
-    table    a row per case: case_id, the numbers of `fingerprint` and of `fit_to`, and
-             left_out_percent: what of its mask or surface was left out as separate pieces.
-    twins    (case, other case, "the same" or "the mirror image").
-    Returns  case_id, volume_ml, area_cm2, size_z, compactness_z, spectrum_z, fit_percent, fit_z,
-             mirrored_ratio (below 1: the mirror image fits better), turned_deg, left_out_percent,
-             remarks ("" where nothing is striking).
+    Args:
+        table: A row per case: case_id, the numbers of `fingerprint` and of `fit_to`, and
+            left_out_percent: what of its mask or surface was left out as separate pieces.
+        twins: (case, other case, "the same" or "the mirror image").
+
+    Returns:
+        case_id, volume_ml, area_cm2, size_z, compactness_z, spectrum_z, fit_percent, fit_z,
+        mirrored_ratio (below 1: the mirror image fits better), turned_deg, left_out_percent,
+        remarks ("" where nothing is striking).
     """
     remarks: dict[str, list[str]] = {case_id: [] for case_id in table["case_id"]}
     volumes = table["volume_ml"].to_numpy(float)

@@ -25,8 +25,14 @@ from ssm_pipeline.study.study import Study
 def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None = None) -> bool:
     """True if every case can be read and meshed and enough of them can be used.
 
-    jobs  cases at a time. to: a folder for cohort_check.csv and a picture of each striking case;
-    without it nothing is written. Raises StudyError for settings that don't fit the cases.
+    without it nothing is written.
+
+    Args:
+        jobs: Cases at a time.
+        to: A folder for cohort_check.csv and a picture of each striking case.
+
+    Raises:
+        StudyError: For settings that don't fit the cases.
     """
     evaluation_depends_on(study.settings)
     what_the_report_rests_on(study.settings)

@@ -20,8 +20,11 @@ def cluster_at(
 ) -> Iterator[Workers | None]:
     """The workers of the scheduler at an address, or of the Slurm jobs that a YAML describes.
 
-    None: none, for a run in processes here. Raises StudyError for neither of these, for a scheduler
-    that can't be reached, and for a file that is no such YAML.
+    None: none, for a run in processes here.
+
+    Raises:
+        StudyError: For neither of these, for a scheduler that can't be reached, and for a file that
+            is no such YAML.
     """
     if where is None:
         yield None

@@ -31,8 +31,11 @@ def compare_cases(
 ) -> ShapeComparison:
     """Test the formula's terms, and write tables, maps and a page of them to `folder`.
 
-    folder  None: in the run's own, named after the formula; the run's report then shows it too.
-    Raises StudyError for a table or a formula that does not fit the run.
+    Args:
+        folder: None: in the run's own, named after the formula; the run's report then shows it too.
+
+    Raises:
+        StudyError: For a table or a formula that does not fit the run.
     """
     from ssm_pipeline.report.compare_page import write_compare_page
 

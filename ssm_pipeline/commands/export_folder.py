@@ -16,9 +16,12 @@ def clear_former_model(
 ) -> list[str]:
     """Delete what an earlier export wrote of another model, cases left out since among it.
 
-    before     the content of the folder's `export.json` before this export.
-    model_key  the key of the model that is exported now.
-    Returns    the names of this program's files in the folder, for the new `export.json`.
+    Args:
+        before: The content of the folder's `export.json` before this export.
+        model_key: The key of the model that is exported now.
+
+    Returns:
+        The names of this program's files in the folder, for the new `export.json`.
     """
     now = {path.relative_to(folder).as_posix() for path in written}
     former = set(before.get("files", ())) - now

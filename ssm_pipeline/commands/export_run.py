@@ -29,9 +29,15 @@ def export_run(
 ) -> list[Path]:
     """Write a run's model to `folder` (`export` in the run's own, where None).
 
-    pseudonymise  case ids become case_001 …; the key to them stays in the run's folder.
-    Returns the paths written. Raises StudyError for an unknown format, a folder that holds no
-    finished run, or one to write to that would mix case ids and pseudonyms.
+    Args:
+        pseudonymise: Case ids become case_001 …; the key to them stays in the run's folder.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        StudyError: For an unknown format, a folder that holds no finished run, or one to write to
+            that would mix case ids and pseudonyms.
     """
     wanted = [name.strip() for name in formats]
     if unknown := [name for name in wanted if name not in FORMATS]:

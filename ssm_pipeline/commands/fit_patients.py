@@ -50,9 +50,13 @@ def fit_patients(
 ) -> list[FitReport]:
     """Fit every file, and write tables, surfaces and a page to `folder`.
 
-    how  the files are read, where not as the study reads its own.
+    A file that can't be read is said so and left out.
 
-    A file that can't be read is said so and left out. Raises StudyError where none is left.
+    Args:
+        how: The files are read, where not as the study reads its own.
+
+    Raises:
+        StudyError: Where none is left.
     """
     terminal = terminal or Terminal()
     run, settings = load_run(run_folder), read_run_settings(run_folder)
@@ -152,7 +156,11 @@ def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
 
 def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.ndarray:
     """(V, 3) mm: the surface where the template's vertices are, by the network, adaptation, and the
-    study's groupwise rounds, of the run's own cases. Raises CaseError for an open surface."""
+    study's groupwise rounds, of the run's own cases.
+
+    Raises:
+        CaseError: For an open surface.
+    """
     from ssm_pipeline.adaptation.correspond import correspond_again, correspond_bases
     from ssm_pipeline.geometry.topology import is_oriented_manifold
     from ssm_pipeline.meshing.decimation import decimate

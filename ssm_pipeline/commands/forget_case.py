@@ -44,7 +44,9 @@ def forget_case(case_id: str, run_folder: Path) -> Forgotten:
     """Delete every trace of a case in a run's folder, and leave it out of later runs there.
 
     Its files are known by their hash from now on, so that they are left out whatever their name.
-    Raises StudyError if the folder holds no run, or no such case.
+
+    Raises:
+        StudyError: If the folder holds no run, or no such case.
     """
     owner = read_owner(run_folder)
     if owner is None:

@@ -63,7 +63,8 @@ def data_of(
 ) -> MaskFolderData | MeshFolderData:
     """The settings that `init`'s options mean; those given as None or [] have their default.
 
-    Raises StudyError where not one of both folders is given, or an option fits neither.
+    Raises:
+        StudyError: Where not one of both folders is given, or an option fits neither.
     """
     folder = masks if masks is not None else meshes
     if folder is None or (masks is not None and meshes is not None):
@@ -79,9 +80,13 @@ def data_of(
 
 
 def write_study(name: str, data: MaskFolderData | MeshFolderData) -> Path:
-    """Write `<name>.yaml` here, on the cases of `data`. Returns its path.
+    """Write `<name>.yaml` here, on the cases of `data`.
 
-    Raises StudyError for a folder without cases, a name with a path in it, or a file that exists.
+    Returns:
+        Its path.
+
+    Raises:
+        StudyError: For a folder without cases, a name with a path in it, or a file that exists.
     """
     path = Path(f"{name.removesuffix('.yaml').removesuffix('.yml')}.yaml")
     if path.name != str(path) or not name.strip(". "):

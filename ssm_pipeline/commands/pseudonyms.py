@@ -46,7 +46,11 @@ def forget_pseudonym(case_id: str, run_folder: Path) -> None:
 
 
 def _known(path: Path) -> dict[str, str]:
-    """Case id → pseudonym of the key file. Raises StudyError for one that is damaged."""
+    """Case id → pseudonym of the key file.
+
+    Raises:
+        StudyError: For one that is damaged.
+    """
     if not path.is_file():
         return {}
     try:

@@ -52,7 +52,8 @@ class Work:
 def status_lines(run_folder: Path) -> list[str]:
     """A line per stage, what runs now, and how long the whole run will still take.
 
-    Raises StudyError without a run.
+    Raises:
+        StudyError: Without a run.
     """
     records = [StageRecord.read(path.parent) for path in run_folder.glob("*/stage.json")]
     finished = sorted((r for r in records if r is not None), key=lambda r: r.finished_at)
@@ -108,7 +109,8 @@ def work_in_hand(events: Sequence[Event]) -> Work | None:
 def lines_of_time_left(work: Work, events: Sequence[Event], took: Sequence[Took]) -> list[str]:
     """How long the rest of the run will take, and on what that rests; what is unknown is said.
 
-    took  what stages took before, in this run and in others.
+    Args:
+        took: What stages took before, in this run and in others.
     """
     plan = planned_stages(events)
     names = [planned.stage for planned in plan]

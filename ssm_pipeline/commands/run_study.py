@@ -21,9 +21,12 @@ def run_study(
     terminal: Terminal,
     stages: Sequence[Stage[StudySettings]] = STAGES,
 ) -> Path:
-    """Bring every stage of a study up to date. Returns the run's folder.
+    """Bring every stage of a study up to date.
 
     Raises what `engine.runner.run_stages` raises.
+
+    Returns:
+        The run's folder.
     """
     job = Job(
         name,

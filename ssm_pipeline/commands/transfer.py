@@ -31,10 +31,16 @@ def transfer(
 
     A case that the study mirrors is mirrored back.
 
-    landmarks  a Slicer `.mrk.json`, placed on the template; labels: a CSV of vertex and label.
-    fits       the folder of a `workflow fit`: its patients are served too.
-    Returns the paths written; `landmarks.csv` holds all points in one table.
-    Raises StudyError for neither, for points off the template, and for files that can't be read.
+    Args:
+        landmarks: A Slicer `.mrk.json`, placed on the template.
+        labels: A CSV of vertex and label.
+        fits: The folder of a `workflow fit`: its patients are served too.
+
+    Returns:
+        The paths written; `landmarks.csv` holds all points in one table.
+
+    Raises:
+        StudyError: For neither, for points off the template, and for files that can't be read.
     """
     if landmarks is None and labels is None:
         raise StudyError("nothing to carry over: pass --landmarks, --labels or both.")

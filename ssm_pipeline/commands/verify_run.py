@@ -14,7 +14,8 @@ from ssm_pipeline.records import DamagedFile, StudyError
 def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bool:
     """True if every file of every finished stage is as it was written.
 
-    remove  deletes what is not, so that the next run makes it again; without it nothing is
+    Args:
+        remove: Deletes what is not, so that the next run makes it again; without it nothing is
             changed. Raises StudyError if the folder holds no run, or one that is running.
     """
     stages = sorted(path.parent for path in run_folder.glob("*/stage.json"))

@@ -171,7 +171,11 @@ def landmarks_of_cases(
 
 
 def evaluation_depends_on(settings: StudySettings) -> Any:
-    """Its settings and the content of the landmark files. Raises StudyError if there are none."""
+    """Its settings and the content of the landmark files.
+
+    Raises:
+        StudyError: If there are none.
+    """
     depends_on: dict[str, Any] = {
         "evaluation": settings.evaluation,
         "comparison": settings.comparison,

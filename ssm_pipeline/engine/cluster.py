@@ -41,7 +41,9 @@ IN_FLIGHT = 1000  # tasks with the scheduler at a time: it keeps all of each in 
 class DaskCluster:
     """The workers of a scheduler. A case whose worker dies is given to another.
 
-    wait_s  how long to wait for a worker where none is left; None: for ever, as for Slurm's queue.
+    Attributes:
+        wait_s: How long to wait for a worker where none is left; None: for ever, as for Slurm's
+            queue.
     """
 
     client: Client
@@ -114,8 +116,11 @@ class DaskCluster:
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
-    """A client of the scheduler at `tcp://host:port`. Raises StudyError if none answers there, or
-    if it has no worker."""
+    """A client of the scheduler at `tcp://host:port`.
+
+    Raises:
+        StudyError: If none answers there, or if it has no worker.
+    """
     Client = dask().Client
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)

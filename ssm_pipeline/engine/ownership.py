@@ -24,7 +24,8 @@ LOCK_FILE = ".lock"
 def alone_in(run_folder: Path) -> Iterator[None]:
     """Hold the folder's lock, which the system releases however the process ends.
 
-    Raises StudyError if another process holds it.
+    Raises:
+        StudyError: If another process holds it.
     """
     run_folder.parent.mkdir(parents=True, exist_ok=True)
     # Beside the folder, not in it: the folder itself may be moved aside.
@@ -46,7 +47,10 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
     """Check that the folder is this study's, before anything is written to it.
 
     Phantom results give way to patients': they are moved to `<study>-phantoms`, and that path is
-    returned. Raises StudyError for a folder of another study, or of patients when phantoms run.
+    returned.
+
+    Raises:
+        StudyError: For a folder of another study, or of patients when phantoms run.
     """
     owner = read_owner(run_folder)
     if owner is None:
@@ -84,8 +88,10 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
 def read_owner(run_folder: Path) -> dict[str, Any] | None:
     """Whose the folder is: study, synthetic, data, cases (id → file key); None if no run was here.
 
-    Where the file that says so is damaged or missing, the run's log and records say it. Raises
-    StudyError where they don't either.
+    Where the file that says so is damaged or missing, the run's log and records say it.
+
+    Raises:
+        StudyError: Where they don't either.
     """
     path = run_folder / OWNER_FILE
     record = StageRecord.read(run_folder / "data")
@@ -124,10 +130,13 @@ def _owner(content: Any) -> dict[str, Any]:
 def take(
     run_folder: Path, study: str, data: str, is_synthetic: bool, file_keys: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Write down whose the folder is. Raises StudyError if it holds results of other masks.
+    """Write down whose the folder is.
 
     Cases may be added to a study or left out: one mask in common is enough. What there is of cases
     left out is deleted; their ids are returned.
+
+    Raises:
+        StudyError: If it holds results of other masks.
     """
     owner = read_owner(run_folder)
     before: Mapping[str, str] = owner["cases"] if owner else {}

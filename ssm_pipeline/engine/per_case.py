@@ -79,10 +79,14 @@ def map_cases(
 ) -> list[CaseResult]:
     """Do the tasks not finished yet; results in the order of the tasks.
 
-    workers    do them, in any order: `here`, `Processes` or a cluster's.
-    on_result  told of every case as it is done; not of those that were finished.
-    Raises CaseFailure for any error but a CaseError, which drops its case, and a StudyError, which
-    is passed on; StudyError where the system killed a process.
+    Args:
+        workers: Do them, in any order: `here`, `Processes` or a cluster's.
+        on_result: Told of every case as it is done; not of those that were finished.
+
+    Raises:
+        CaseFailure: For any error but a CaseError, which drops its case, and a StudyError, which is
+            passed on.
+        StudyError: Where the system killed a process.
     """
     finished = {task.case_id: finished_result(task, stage_folder) for task in tasks}
     results = {case_id: result for case_id, result in finished.items() if result is not None}

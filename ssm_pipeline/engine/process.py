@@ -27,7 +27,10 @@ def keep_large_blocks() -> bool:
     """Tell glibc to keep freed memory instead of giving it back to the system.
 
     PyTorch on CPU allocates and frees the same large blocks every step; returning them each time
-    costs page faults. Returns False where there is no glibc.
+    costs page faults.
+
+    Returns:
+        False where there is no glibc.
     """
     try:
         libc = ctypes.CDLL("libc.so.6")
@@ -107,7 +110,11 @@ def machine() -> dict[str, str | int]:
 
 
 def chosen_device(wanted: str | None) -> str:
-    """The device asked for, or cuda where there is one. Raises StudyError if it is not there."""
+    """The device asked for, or cuda where there is one.
+
+    Raises:
+        StudyError: If it is not there.
+    """
     import torch
 
     if wanted is None:

@@ -29,10 +29,12 @@ FEWEST_CASES = 4  # one is left out to score the model, and three are needed for
 class Job:
     """What is to be run, as the engine sees it.
 
-    name           of the study, and of its folder in the runs folder.
-    data           where its cases come from, in words; is_synthetic: they are no patients.
-    find_cohort    run folder → the cases; reads no case yet.
-    check_cohort   raises StudyError for settings that don't fit these cases.
+    Attributes:
+        name: Of the study, and of its folder in the runs folder.
+        data: Where its cases come from, in words.
+        is_synthetic: They are no patients.
+        find_cohort: Run folder → the cases; reads no case yet.
+        check_cohort: Raises StudyError for settings that don't fit these cases.
     """
 
     name: str
@@ -47,8 +49,9 @@ class Job:
 class RunOptions:
     """How to run, as opposed to what: nothing here changes what is computed.
 
-    cluster    does the work on each case; None: `jobs` processes do.
-    memory_gb  that a process may have which works on a case; None: no limit.
+    Attributes:
+        cluster: Does the work on each case; None: `jobs` processes do.
+        memory_gb: That a process may have which works on a case; None: no limit.
     """
 
     runs: Path = Path("runs")
@@ -65,11 +68,17 @@ class RunOptions:
 def run_stages(
     job: Job, stages: Sequence[Stage[Any]], options: RunOptions, terminal: Terminal
 ) -> Path:
-    """Bring every stage up to date. Returns the run's folder.
+    """Bring every stage up to date.
 
-    A file of the run that turns out to be damaged is deleted and made again. Raises StudyError
-    where the folder is not ours or too few cases are left, CaseFailure where a case breaks the
-    code. What was finished stays, and the next run goes on from there.
+    A file of the run that turns out to be damaged is deleted and made again. What was finished
+    stays, and the next run goes on from there.
+
+    Returns:
+        The run's folder.
+
+    Raises:
+        StudyError: Where the folder is not ours or too few cases are left, CaseFailure where a case
+            breaks the code.
     """
     process.keep_large_blocks()
     run_folder = options.runs / job.name

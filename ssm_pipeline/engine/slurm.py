@@ -36,8 +36,10 @@ class SlurmSettings(Settings):
 def on_slurm(settings: SlurmSettings) -> Iterator[Client]:
     """A client of a scheduler of its own, here, whose workers Slurm starts and ends with the block.
 
-    A job that ends is submitted again. Raises StudyError where there is no Slurm or it refuses a
-    job.
+    A job that ends is submitted again.
+
+    Raises:
+        StudyError: Where there is no Slurm or it refuses a job.
     """
     distributed = dask()
     from dask_jobqueue.slurm import SLURMCluster

@@ -45,10 +45,11 @@ class Outcome:
 class Stage(Generic[S]):
     """One step of the pipeline.
 
-    settings  the part of the settings that its result depends on.
-    needs     the stages whose results it reads; none: the masks themselves.
-    version   to be raised when the code changes what the stage makes of the same input.
-    per_case  its time grows with the cases; False: it does not, as that of training.
+    Attributes:
+        settings: The part of the settings that its result depends on.
+        needs: The stages whose results it reads; none: the masks themselves.
+        version: To be raised when the code changes what the stage makes of the same input.
+        per_case: Its time grows with the cases; False: it does not, as that of training.
     """
 
     name: str
@@ -100,7 +101,9 @@ _stage_record = TypeAdapter(StageRecord)
 class StageContext(Generic[S]):
     """What a stage's work is given.
 
-    workers  do the work on each case. jobs: processes for work on all cases at once.
+    Attributes:
+        workers: Do the work on each case.
+        jobs: Processes for work on all cases at once.
     """
 
     name: str
@@ -139,7 +142,8 @@ class StageContext(Generic[S]):
     ) -> list[CaseResult]:
         """Do what is not finished of the tasks, in this stage's folder or in one inside it.
 
-        in_this_process  work on all cases at once, which has processes of its own.
+        Args:
+            in_this_process: Work on all cases at once, which has processes of its own.
         """
         place = folder or self.folder()
         workers = here if in_this_process else self.workers

@@ -20,7 +20,8 @@ from ssm_pipeline.shape_model.pca import pca_model
 class AlignedCohort:
     """N aligned shapes, and the cases' original meshes in the same frame and order.
 
-    with_scale  whether the alignment removes size; distances are then those of scaled shapes.
+    Attributes:
+        with_scale: Whether the alignment removes size; distances are then those of scaled shapes.
     """
 
     shapes: CorrespondedShapes
@@ -44,9 +45,14 @@ def align_cohort(
 ) -> tuple[AlignedCohort, tuple[Similarity, ...]]:
     """Shapes and meshes, each in the case's own millimetres, brought to the model's frame.
 
-    meshes   in any order, by case id.
-    Returns  the cohort, and per case the frame from its own millimetres to the model's.
-    Raises   StudyError where a case has no mesh.
+    Args:
+        meshes: In any order, by case id.
+
+    Returns:
+        The cohort, and per case the frame from its own millimetres to the model's.
+
+    Raises:
+        StudyError: Where a case has no mesh.
     """
     aligned, frames = align(corresponded, with_scale=with_scale)
     moved = move_meshes(meshes, corresponded.case_ids, frames)
@@ -58,7 +64,8 @@ def move_meshes(
 ) -> list[Mesh]:
     """The cases' original meshes in the model's frame, in the order of `case_ids`.
 
-    Raises StudyError where a case has no mesh.
+    Raises:
+        StudyError: Where a case has no mesh.
     """
     by_id = {mesh.case_id: mesh for mesh in meshes}
     missing = [case_id for case_id in case_ids if case_id not in by_id]

@@ -28,14 +28,16 @@ def carried_labels(
 ) -> pd.DataFrame:
     """Labels of every case laid on every other: how much of its surface they get wrong.
 
-    shapes          (N, V, 3) mm, in each case's own space.
-    meshes, labels  N, in the order of the shapes and in the same space.
-    points          even samples of each case's surface, at which labels are compared.
+    Args:
+        shapes: (N, V, 3) mm, in each case's own space.
+        meshes, labels: N, in the order of the shapes and in the same space.
+        points: Even samples of each case's surface, at which labels are compared.
 
-    Returns a row per ordered pair, from_case_id ≠ case_id: disagree_percent, the share of the
-    target's area where the carried label is not its own; border_mm, that area over the length of
-    the target's own border: by how much the border is misplaced, on average along it (NaN without
-    a border).
+    Returns:
+        A row per ordered pair, from_case_id ≠ case_id: disagree_percent, the share of the target's
+        area where the carried label is not its own; border_mm, that area over the length of the
+        target's own border: by how much the border is misplaced, on average along it (NaN without a
+        border).
     """
     values = np.unique(np.concatenate([one.values for one in labels]))
     shares = [_in_columns(one, values) for one in labels]
@@ -73,7 +75,8 @@ def carried_labels(
 def border_length(vertices: np.ndarray, faces: np.ndarray, shares: np.ndarray) -> float:
     """Length, in the vertices' unit, of the lines between the parts of a surface.
 
-    shares  (V, L): a point belongs to the part of largest share; linear over each triangle.
+    Args:
+        shares: (V, L): a point belongs to the part of largest share; linear over each triangle.
     """
     total = 0.0
     for part in range(shares.shape[1]):
@@ -107,9 +110,13 @@ def label_means(
 ) -> pd.DataFrame:
     """A row per method: means over all ordered pairs, with 95 % intervals over the cases.
 
-    pairs     method → `carried_labels`, of the same cases; patients: case → patient.
-    Returns   method, cases, disagree_percent with _low and _high before the unit, border_mm
-              likewise, and border_difference_mm to the baseline, pair by pair, likewise.
+    Args:
+        pairs: Method → `carried_labels`, of the same cases.
+        patients: Case → patient.
+
+    Returns:
+        Method, cases, disagree_percent with _low and _high before the unit, border_mm likewise, and
+        border_difference_mm to the baseline, pair by pair, likewise.
     """
     columns = {"disagree_percent": "", "border_mm": "border_difference_mm"}
     return means_over_pairs(pairs, columns, baseline, draws, generator, patients)

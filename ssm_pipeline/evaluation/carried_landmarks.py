@@ -18,11 +18,15 @@ def carried_landmarks(
 ) -> pd.DataFrame:
     """The distance between each landmark carried from another case and the case's own.
 
-    shapes     (N, V, 3) mm, in each case's own space.
-    positions  case id → (L, 3) mm in the case's own space, for two cases or more; names: (L,).
-    Returns    a row per ordered pair and landmark: from_case_id, case_id, landmark, error_mm.
-               A landmark is carried from the surface point nearest to it; how far it lies from
-               the surface is part of the error.
+    Args:
+        shapes: (N, V, 3) mm, in each case's own space.
+        positions: Case id → (L, 3) mm in the case's own space, for two cases or more.
+        names: (L,).
+
+    Returns:
+        A row per ordered pair and landmark: from_case_id, case_id, landmark, error_mm. A landmark
+        is carried from the surface point nearest to it; how far it lies from the surface is part of
+        the error.
     """
     vertices = dict(zip(shapes.case_ids, shapes.vertices, strict=True))
     placed = [case_id for case_id in shapes.case_ids if case_id in positions]

@@ -21,26 +21,22 @@ def correspondence_quality(
 ) -> pd.DataFrame:
     """Fit, orientation, coverage and bijectivity of each case's template.
 
-    fitted   (N, V, 3) mm, the same before they were carried onto the cases' surfaces; None: never
-             fitted, and the columns of it are NaN.
-    Returns  one row per case:
-        to_case_mm, to_case_hd95_mm       template vertices to the case's triangles
-        from_case_mm, from_case_hd95_mm   case vertices to the template's triangles
-        surface_mm, hd95_mm               mean of the two means, larger of the two HD95
-        flipped_percent                   share of the template's triangles that face against the
-                                          case's surface at the point nearest to their centre
-        uncovered_percent                 share of the case's area with no template vertex within
-                                          `coverage_mm`
-        coverage_mm                       settings.coverage_edges mean edges of an even
-                                          triangulation of the case by V vertices
-        distinct_percent                  different case vertices that are nearest to a template
-                                          vertex, over min(V, V_case): how many there could be
-        round_trip_mm                     template vertex → nearest case vertex → nearest template
-                                          vertex: mean distance between the first and the last,
-                                          on the mean shape
-        fitted_surface_mm, fitted_hd95_mm, fitted_flipped_percent
-                                          the first three of the shapes as fitted: points that were
-                                          carried onto a case lie on it however bad the fit was
+    Args:
+        fitted: (N, V, 3) mm, the same before they were carried onto the cases' surfaces; None:
+            never fitted, and the columns of it are NaN.
+
+    Returns:
+        One row per case: to_case_mm, to_case_hd95_mm template vertices to the case's triangles
+        from_case_mm, from_case_hd95_mm case vertices to the template's triangles surface_mm,
+        hd95_mm mean of the two means, larger of the two HD95 flipped_percent share of the
+        template's triangles that face against the case's surface at the point nearest to their
+        centre uncovered_percent share of the case's area with no template vertex within
+        `coverage_mm` coverage_mm settings.coverage_edges mean edges of an even triangulation of the
+        case by V vertices distinct_percent different case vertices that are nearest to a template
+        vertex, over min(V, V_case): how many there could be round_trip_mm template vertex → nearest
+        case vertex → nearest template vertex: mean distance between the first and the last, on the
+        mean shape fitted_surface_mm, fitted_hd95_mm, fitted_flipped_percent the first three of the
+        shapes as fitted: points that were carried onto a case lie on it however bad the fit was.
     """
     shapes, reference = cohort.shapes, cohort.shapes.vertices.mean(axis=0)
     rows = [

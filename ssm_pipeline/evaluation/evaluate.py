@@ -28,10 +28,11 @@ from ssm_pipeline.shape_model.pca import pca_model
 class Scoring:
     """How methods are scored: the same for all that are compared.
 
-    seed        of points, draws and folds.
-    with_scale  whether the alignment removes size; distances are then those of scaled shapes.
-    jobs        processes for the draws; the numbers do not depend on it.
-    patients    case id → patient: those of one are held out together; None: each its own.
+    Attributes:
+        seed: Of points, draws and folds.
+        with_scale: Whether the alignment removes size; distances are then those of scaled shapes.
+        jobs: Processes for the draws; the numbers do not depend on it.
+        patients: Case id → patient: those of one are held out together; None: each its own.
     """
 
     settings: EvaluationSettings

@@ -48,16 +48,20 @@ def run_matching_benchmark(
 ) -> MatchingBenchmark:
     """Match the pairs (x, y) of the meshes whose truth is known and measure the errors on x.
 
-    known      the pairs. Public code of this line of work (URSSM and after) counts a shape's map
-               to itself too, which flatters: 1 pair in 20 for 20 shapes.
-    predict    (x, y) → y_to_x (V_y,): for each vertex of y the matching vertex of x.
-    geodesics  the distances of one mesh; asked once a mesh if the pairs are in the order of x, so
-               a cache isn't needed.
-    on_pair    called with how many pairs are done, and of how many.
-
     The error of a known point is the geodesic on x between y_to_x[on_y] and on_x.
-    Raises StudyError without pairs, CaseError for a map that isn't one vertex of x a vertex of y,
-    or where no path joins the match to the truth.
+
+    Args:
+        known: The pairs. Public code of this line of work (URSSM and after) counts a shape's map to
+            itself too, which flatters: 1 pair in 20 for 20 shapes.
+        predict: (x, y) → y_to_x (V_y,): for each vertex of y the matching vertex of x.
+        geodesics: The distances of one mesh; asked once a mesh if the pairs are in the order of x,
+            so a cache isn't needed.
+        on_pair: Called with how many pairs are done, and of how many.
+
+    Raises:
+        StudyError: Without pairs.
+        CaseError: For a map that isn't one vertex of x a vertex of y, or where no path joins the
+            match to the truth.
     """
     if not known:
         raise StudyError(

@@ -13,9 +13,13 @@ def geodesic_errors(
 ) -> np.ndarray:
     """Geodesic distance of each predicted match from the true one, over √area.
 
-    predicted, truth  (Q,) vertices of the target shape.
-    distances         (V, V) its geodesics (`geometry.geodesics.geodesic_matrix`).
-    Returns           (Q,); the usual "mean geodesic error ×100" is 100 times the mean.
+    Args:
+        predicted, truth: (Q,) vertices of the target shape.
+        distances: (V, V) its geodesics (`geometry.geodesics.geodesic_matrix`).
+
+    Returns:
+        (Q,); the usual "mean geodesic error ×100" is 100 times the mean.
+
     Source: Kim, Lipman and Funkhouser 2011.
     """
     result: np.ndarray = distances[predicted, truth] / np.sqrt(area)

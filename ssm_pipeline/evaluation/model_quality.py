@@ -46,13 +46,16 @@ def generalisation(
     onto that mean, projected on its first M modes (no limit on its scores) and reconstructed; the
     reconstruction is compared with the case's original mesh.
 
-    cohort     of N >= 4 cases.
-    folds      the cases held out at a time (`held_out_folds`); by default one.
-    also       numbers of modes asked for beside those of the curve.
-    Returns    one row per case and number of modes M = 1 … N − 2 (leave-one-out; with folds, as
-               many as the smallest model has, for all): case_id, modes,
-               chamfer_mm, surface_mm, hd95_mm, correspondence_mm, chamfer_floor_mm (Chamfer of
-               two samplings of the case's own mesh: what a perfect model would score), points.
+    Args:
+        cohort: Of N >= 4 cases.
+        folds: The cases held out at a time (`held_out_folds`); by default one.
+        also: Numbers of modes asked for beside those of the curve.
+
+    Returns:
+        One row per case and number of modes M = 1 … N − 2 (leave-one-out; with folds, as many as
+        the smallest model has, for all): case_id, modes, chamfer_mm, surface_mm, hd95_mm,
+        correspondence_mm, chamfer_floor_mm (Chamfer of two samplings of the case's own mesh: what a
+        perfect model would score), points.
     """
     case_ids, mean = cohort.shapes.case_ids, cohort.shapes.vertices.mean(axis=0)
     if folds is None:
@@ -78,9 +81,13 @@ def held_out_folds(
     or, of more than MOST_FOLDS, so many folds.
 
     A function of these numbers alone, so that every method leaves out the same cases together.
-    patients  (count,) whom each case is of: cases of one patient, as both sides, are left out
-              together, or the model would know the held-out case's twin. None: each its own.
-    Raises StudyError where fewer than 3 cases would remain for the model.
+
+    Args:
+        patients: (count,) whom each case is of: cases of one patient, as both sides, are left out
+            together, or the model would know the held-out case's twin. None: each its own.
+
+    Raises:
+        StudyError: Where fewer than 3 cases would remain for the model.
 
     >>> held_out_folds(5, 0, seed=0, patients=["a", "b", "b", "c", "c"])
     [array([0]), array([1, 2]), array([3, 4])]
@@ -135,8 +142,9 @@ def held_out_errors(
 ) -> pd.DataFrame:
     """`generalisation` of one fold: the cases `held_out` (indices), rebuilt by a model of the rest.
 
-    limit   the largest number of modes asked (`most_modes`).
-    points  where the Chamfer distance is measured, of a shape in the model's frame.
+    Args:
+        limit: The largest number of modes asked (`most_modes`).
+        points: Where the Chamfer distance is measured, of a shape in the model's frame.
     """
     model, frames = cohort.without(held_out)
     modes = mode_counts(min(limit, model.mode_count), settings.mode_counts, also)
@@ -151,7 +159,10 @@ def held_out_errors(
 def mean_over_cases(table: pd.DataFrame) -> pd.DataFrame:
     """Per number of modes: mean and standard error over the cases of every column in mm.
 
-    table: as `generalisation` returns. Returns modes, x_mm, x_se_mm, …, samples (cases), points.
+    table: as `generalisation` returns.
+
+    Returns:
+        Modes, x_mm, x_se_mm, …, samples (cases), points.
     """
     grouped = table.groupby("modes")
     result = pd.DataFrame(index=grouped.size().index)

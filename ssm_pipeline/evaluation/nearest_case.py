@@ -26,13 +26,16 @@ def nearest_other_cases(
 ) -> pd.DataFrame:
     """For each case the nearest other one.
 
-    meshes   the cases' own meshes in the model's frame.
-    Returns  one row per case, or for MOST_ASKED of them, evenly chosen, where there are more:
-             case_id; nearest_by_surface, surface_mm; nearest_by_chamfer,
-             chamfer_mm; chamfer_floor_mm, the Chamfer distance of two samplings of the case itself.
-             A model whose draws lie much nearer to a case than cases do to each other varies too
-             little.
     A few points of all others choose those that are compared in full.
+
+    Args:
+        meshes: The cases' own meshes in the model's frame.
+
+    Returns:
+        One row per case, or for MOST_ASKED of them, evenly chosen, where there are more: case_id;
+        nearest_by_surface, surface_mm; nearest_by_chamfer, chamfer_mm; chamfer_floor_mm, the
+        Chamfer distance of two samplings of the case itself. A model whose draws lie much nearer to
+        a case than cases do to each other varies too little.
     """
     points = [PointTarget.of(even_samples(m, settings.points, generator)) for m in meshes]
     again = [PointTarget.of(even_samples(m, settings.points, generator)) for m in meshes]

@@ -23,7 +23,8 @@ def resampled_cases(
 ) -> np.ndarray:
     """(draws, N) how often each case is in each resampling; the same for all that compare.
 
-    patients  (N,) whom each case is of: patients are drawn, with all their cases.
+    Args:
+        patients: (N,) whom each case is of: patients are drawn, with all their cases.
     """
     names, of_case = np.unique(list(patients), return_inverse=True)
     count = len(names)
@@ -33,10 +34,11 @@ def resampled_cases(
 def pair_interval(pairs: np.ndarray, resamplings: np.ndarray) -> Interval:
     """The mean over ordered pairs of different cases, and its interval over cases.
 
-    pairs        (N, N): from case (row) to case (column); not finite where there is no value, as
-                 on the diagonal.
-    resamplings  (draws, N) counts of the cases. All pairs of a drawn case come and go together:
-                 pairs share their cases and are not independent.
+    Args:
+        pairs: (N, N): from case (row) to case (column); not finite where there is no value, as on
+            the diagonal.
+        resamplings: (draws, N) counts of the cases. All pairs of a drawn case come and go together:
+            pairs share their cases and are not independent.
 
     >>> pairs = np.array([[np.nan, 1.0], [3.0, np.nan]])
     >>> pair_interval(pairs, np.array([[1, 1]])).mean
@@ -65,12 +67,16 @@ def means_over_pairs(
 ) -> pd.DataFrame:
     """A row per method: means of columns over all ordered pairs, with 95 % intervals over cases.
 
-    pairs    method → table of from_case_id, case_id and the columns, all of the same cases.
-    columns  name ending in its unit → name of its difference to the baseline's, pair by pair;
-             empty where none is wanted.
     patients case → patient, where one has several cases: they are drawn together.
-    Returns  method, cases, and for each name, as border_mm: border_mm, border_low_mm and
-             border_high_mm. The same resamplings of the cases serve all methods.
+
+    Args:
+        pairs: Method → table of from_case_id, case_id and the columns, all of the same cases.
+        columns: Name ending in its unit → name of its difference to the baseline's, pair by pair;
+            empty where none is wanted.
+
+    Returns:
+        Method, cases, and for each name, as border_mm: border_mm, border_low_mm and border_high_mm.
+        The same resamplings of the cases serve all methods.
     """
     cases = sorted({*pairs[baseline]["case_id"], *pairs[baseline]["from_case_id"]})
     whose = [patients[case_id] for case_id in cases] if patients else cases

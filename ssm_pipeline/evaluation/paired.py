@@ -36,10 +36,12 @@ def over_cases(
 ) -> PairedDifference:
     """Of a column with a value per case (generalisation): paired bootstrap over the cases.
 
-    cases, baseline  tables with a row per case; paired by case_id. A column patient, where one has
-                     several cases: they are drawn together.
-    draws            resamplings. The p is twice the smaller share of resampled means on either
-                     side of 0, at least 2 / (draws + 1).
+    Args:
+        cases, baseline: Tables with a row per case; paired by case_id. A column patient, where one
+            has several cases: they are drawn together.
+        draws: Resamplings. The p is twice the smaller share of resampled means on either side of 0,
+            at least 2 / (draws + 1).
+
     Source: percentile bootstrap, Efron 1979; p: Davison and Hinkley 1997, 4.4.
     """
     own, other = (table.set_index("case_id")[column] for table in (cases, baseline))
@@ -72,17 +74,19 @@ def over_left_out_cases(
 ) -> PairedDifference:
     """Of the mean over a model's draws (specificity): delete-one jackknife over the cases.
 
-    left_out, baseline_left_out  as `specificity_jackknife.without_each` gives them: for each case,
-                   or patient, the means of two halves of draws of a model built without it.
-    drawn, baseline_drawn  (n,) mm: the draws of the whole cohort's models, in the same order. Both
-                   methods' draws are made of the same weights of the same cases, so they pair.
-
     Leaving out case i (all cases of patient i) changes the difference by θ_i; the variance over
     cohorts is (N − 1)/N Σ (θ_i − θ̄)². Each θ_i carries the noise of its draws, which would be
     counted N times: one factor from each half of the draws leaves it out in expectation (a negative
-    estimate is 0).
-    The noise of the draws of the whole models is then added once. Interval and p by Student's t
-    with N − 1 degrees of freedom. Source: Efron and Stein 1981 for the jackknife.
+    estimate is 0). The noise of the draws of the whole models is then added once. Interval and p by
+    Student's t with N − 1 degrees of freedom.
+
+    Args:
+        left_out, baseline_left_out: As `specificity_jackknife.without_each` gives them: for each
+            case, or patient, the means of two halves of draws of a model built without it.
+        drawn, baseline_drawn: (n,) mm: the draws of the whole cohort's models, in the same order.
+            Both methods' draws are made of the same weights of the same cases, so they pair.
+
+    Source: Efron and Stein 1981 for the jackknife.
     """
     halves = [
         table.pivot(index="left_out", columns="half", values="surface_mm").to_numpy()

@@ -24,8 +24,10 @@ def on_reference(template: Mesh, truth: PhantomTruth) -> ClosestPoints:
     """The template mesh's vertices on the truth's reference surface: which points they are.
 
     The template mesh was made from a mask of one of the cases; each of its vertices is taken for
-    the true surface point nearest to it in that case. Raises StudyError for a template that is
-    none of the phantom's cases.
+    the true surface point nearest to it in that case.
+
+    Raises:
+        StudyError: For a template that is none of the phantom's cases.
     """
     if template.case_id not in truth.case_ids:
         raise StudyError(
@@ -54,14 +56,18 @@ def correspondence_errors(
 ) -> pd.DataFrame:
     """Geodesic error of every case's correspondences.
 
-    predicted  (N, V, 3) mm, in each case's own space (not aligned), on the template's vertices.
     Predicted points are carried onto the true surface (nearest point), and the geodesic there is
     measured between them and the true points (see `geodesics.geodesics_between` for how). Points
     that the case's or the template's field of view does not show are left out: no method can know
     where they are.
-    Returns a row per case but the template: case_id, geodesic_mm, geodesic_median_mm,
-    geodesic_p95_mm, geodesic_x100 (mean over √area, ×100), off_surface_mm (mean distance of the
-    predicted points from the true surface), scored_percent (of the template's vertices).
+
+    Args:
+        predicted: (N, V, 3) mm, in each case's own space (not aligned), on the template's vertices.
+
+    Returns:
+        A row per case but the template: case_id, geodesic_mm, geodesic_median_mm, geodesic_p95_mm,
+        geodesic_x100 (mean over √area, ×100), off_surface_mm (mean distance of the predicted points
+        from the true surface), scored_percent (of the template's vertices).
     """
     reference = on_reference(template, truth)
     seen = seen_in(reference, truth, (template.case_id, *predicted.case_ids))
@@ -103,7 +109,9 @@ def variance_kept(
     A method that flattens, drawing all cases towards one shape, keeps less than 1 and so wins
     specificity; one that scatters its points keeps more. Both are summed over the template's
     vertices that every case's field of view shows.
-    predicted  (N, V, 3) mm, in each case's own space. Raises StudyError for other cases.
+
+    Args:
+        predicted: (N, V, 3) mm, in each case's own space. Raises StudyError for other cases.
     """
     true = true_correspondence(template, truth, predicted.case_ids)
     seen = seen_in(on_reference(template, truth), truth, truth.case_ids).all(axis=0)
@@ -125,14 +133,18 @@ def recovered_modes(
 ) -> pd.DataFrame:
     """How much of the true modes' span the model's leading modes hold, and of their variance.
 
-    model  the method's; floor: the model of `true_correspondence`. Both on the template's
-           vertices, unscaled.
     The true modes, the changes that small scores make, are read at the template's vertices and
-    turned into the model's frame. What of
-    them is a rigid motion is taken out, since alignment takes it out of the model too.
-    Returns a row per true mode, m = 1 … M: mode; angle_degrees, the m-th principal angle between
-    the span of the model's first M modes and the true span (0: recovered, 90: missed), and
-    floor_angle_degrees, the floor model's; variance_mm2, and floor_variance_mm2.
+    turned into the model's frame. What of them is a rigid motion is taken out, since alignment
+    takes it out of the model too.
+
+    Args:
+        model: The method's.
+        floor: The model of `true_correspondence`. Both on the template's vertices, unscaled.
+
+    Returns:
+        A row per true mode, m = 1 … M: mode; angle_degrees, the m-th principal angle between the
+        span of the model's first M modes and the true span (0: recovered, 90: missed), and
+        floor_angle_degrees, the floor model's; variance_mm2, and floor_variance_mm2.
     """
     reference = on_reference(template, truth)
     mean = _carried(reference, truth.mean[None], truth.faces)[0]

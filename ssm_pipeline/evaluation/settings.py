@@ -38,7 +38,8 @@ class EvaluationSettings(Settings):
 def mode_counts(total: int, limit: int, also: Sequence[int] = ()) -> list[int]:
     """The numbers of modes that a curve is computed at: 1 … total, or `limit` of them, even.
 
-    also  more of them, such as those that hold 95 % of the variance; none above the total.
+    Args:
+        also: More of them, such as those that hold 95 % of the variance; none above the total.
 
     >>> mode_counts(20, 3, also=[7])
     [1, 7, 11, 20]

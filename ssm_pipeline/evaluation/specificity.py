@@ -40,14 +40,16 @@ def specificity(
     curve over M is smooth, and its differences are far surer than its values. They are made of
     random weights of the cases (`drawn_scores`), so those of another method pair with them.
 
-    meshes   the training meshes, in the model's frame (`aligned_cohort.move_meshes`).
-    modes    the numbers of modes; by default 1 … all, or `settings.mode_counts` of them.
-    jobs     processes, one number of modes each at a time; the result does not depend on it.
-    Returns  one row per M: modes, chamfer_mm, chamfer_se_mm, samples; surface_mm, surface_se_mm,
-             hd95_mm, hd95_se_mm, surface_samples;
-             chamfer_floor_mm, the mean Chamfer of two samplings of one training mesh; points.
-             Standard errors are over the draws. And one row per M and draw that was scored vertex
-             to triangle: modes, draw, surface_mm.
+    Args:
+        meshes: The training meshes, in the model's frame (`aligned_cohort.move_meshes`).
+        modes: The numbers of modes; by default 1 … all, or `settings.mode_counts` of them.
+        jobs: Processes, one number of modes each at a time; the result does not depend on it.
+
+    Returns:
+        One row per M: modes, chamfer_mm, chamfer_se_mm, samples; surface_mm, surface_se_mm,
+        hd95_mm, hd95_se_mm, surface_samples; chamfer_floor_mm, the mean Chamfer of two samplings of
+        one training mesh; points. Standard errors are over the draws. And one row per M and draw
+        that was scored vertex to triangle: modes, draw, surface_mm.
     """
     points = FixedPoints.of(model.mean, model.faces, settings.points, generator)
     samples, again = (
@@ -124,17 +126,18 @@ def nearest_chamfer(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Chamfer distance of each draw to the nearest target, and the targets that were in question.
 
-    draws (n, P, 3) float32, points and targets in spatial order. Every distance is first
-    estimated from a quarter of `screening_points`, then from all of them, both ways; a target is
-    out where its estimate, less `screening_errors` of its standard errors, is above the best
-    estimate plus as many of that one's. What is left is compared by `asked_points` of the points
-    (None: all) against all of the other shape's, nearest first, with the same bound. Points in
-    spatial order make a subset even, and its true error about 0.3 of the standard error (which is
-    as of free draws), so that 2 of them are nearly 7 of the true: the nearest target is missed
-    practically never (tests, benchmarks/bench_evaluation.py).
+    draws (n, P, 3) float32, points and targets in spatial order. Every distance is first estimated
+    from a quarter of `screening_points`, then from all of them, both ways; a target is out where
+    its estimate, less `screening_errors` of its standard errors, is above the best estimate plus as
+    many of that one's. What is left is compared by `asked_points` of the points (None: all) against
+    all of the other shape's, nearest first, with the same bound. Points in spatial order make a
+    subset even, and its true error about 0.3 of the standard error (which is as of free draws), so
+    that 2 of them are nearly 7 of the true: the nearest target is missed practically never (tests,
+    benchmarks/bench_evaluation.py).
 
-    Returns (n,) distances and, per draw, the indices of the targets left by `screening_points`,
-    nearest first.
+    Returns:
+        (n,) distances and, per draw, the indices of the targets left by `screening_points`, nearest
+        first.
     """
     size = draws.shape[1]
     subsets = [
@@ -228,8 +231,9 @@ def nearest_surface(
 ) -> np.ndarray:
     """(n, 2) symmetric mean and HD95 of each shape (n, V, 3) to the nearest of its candidates.
 
-    candidates  per shape, indices into `surfaces`.
-    count       about as many of either's vertices are asked of the other's triangles.
+    Args:
+        candidates: Per shape, indices into `surfaces`.
+        count: About as many of either's vertices are asked of the other's triangles.
     """
     result = np.empty((len(shapes), 2))
     for index, vertices in enumerate(shapes):

@@ -34,8 +34,11 @@ _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surfac
 class _Draws:
     """What is the same whoever is left out.
 
-    weights  (n, N) of the cases in each draw; points: where a draw is looked at.
-    samples  of each mesh, as many; modes: of each model.
+    Attributes:
+        weights: (n, N) of the cases in each draw.
+        points: Where a draw is looked at.
+        samples: Of each mesh, as many.
+        modes: Of each model.
     """
 
     weights: np.ndarray
@@ -54,12 +57,15 @@ def without_each(
 ) -> pd.DataFrame:
     """Specificity of the models built without each patient, by surface distance to the meshes left.
 
-    modes     of each model, at most as many as the smallest has.
-    patients  (N,) whom each case is of; None: each its own.
-    Returns two rows for each, one for each half of the draws: left_out (the patient; its case's id
-    where none is known), modes, half, surface_mm (the mean over the draws). The weights of the
-    draws are the same for every one left out and every method, so that only what it changes is
-    seen.
+    Args:
+        modes: Of each model, at most as many as the smallest has.
+        patients: (N,) whom each case is of; None: each its own.
+
+    Returns:
+        Two rows for each, one for each half of the draws: left_out (the patient; its case's id
+        where none is known), modes, half, surface_mm (the mean over the draws). The weights of the
+        draws are the same for every one left out and every method, so that only what it changes is
+        seen.
     """
     shapes = cohort.shapes
     count = len(shapes.case_ids)

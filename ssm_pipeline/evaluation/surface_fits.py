@@ -29,10 +29,12 @@ def fits_to_held_out(
     that the correspondence gives, and corrects it: where a patient lies unknown, `workflow fit`
     searches for the pose first, which is not scored here.
 
-    folds  the cases held out at a time (`held_out_folds`).
-    modes  of each model, at most as many as it has and MOST_MODES.
-    Returns one row per case: case_id, modes, surface_mm, hd95_mm (fitted instance and mesh, both
-    ways).
+    Args:
+        folds: The cases held out at a time (`held_out_folds`).
+        modes: Of each model, at most as many as it has and MOST_MODES.
+
+    Returns:
+        One row per case: case_id, modes, surface_mm, hd95_mm (fitted instance and mesh, both ways).
     """
 
     def tasks() -> Iterator[Any]:  # one fold's model at a time: all of them are GB

@@ -31,12 +31,15 @@ def unseen_specificity(
 ) -> dict[str, float]:
     """How near the draws of a model of the kept cases are to the held-out ones.
 
-    held_out  places of those cases that the model, and all that made the correspondences, never
-              saw.
-    Returns modes, draws; surface_mm, surface_se_mm: distance to the nearest held-out mesh, with its
-    standard error over the draws; seen_surface_mm: to the nearest of as many of the kept ones,
-    drawn at random. The nearest of few is farther away than the nearest of all, so it is these two
-    that compare with each other, and not the table `specificity`.
+    Args:
+        held_out: Places of those cases that the model, and all that made the correspondences, never
+            saw.
+
+    Returns:
+        Modes, draws; surface_mm, surface_se_mm: distance to the nearest held-out mesh, with its
+        standard error over the draws; seen_surface_mm: to the nearest of as many of the kept ones,
+        drawn at random. The nearest of few is farther away than the nearest of all, so it is these
+        two that compare with each other, and not the table `specificity`.
     """
     kept = np.setdiff1d(np.arange(len(cohort.meshes)), held_out)
     model = pca_model(cohort.shapes.subset(kept))

@@ -58,7 +58,11 @@ class BenchmarkRow:
 
 
 def keep_row(folder: Path, row: BenchmarkRow) -> pd.DataFrame:
-    """Write a row into `folder/rows/`. Returns its line of the summary."""
+    """Write a row into `folder/rows/`.
+
+    Returns:
+        Its line of the summary.
+    """
     place = folder / ROWS / row.name
     facts = {"preset": row.preset, "changes": row.changes, "seed": row.settings.seed}
     summary = row.scored.summary.assign(**facts, row=row.name)

@@ -55,7 +55,10 @@ class MatchingBenchmarkSettings(Settings):
 
 
 def preset_for(data: Path | None, built_in: str | None, preset: str | None) -> str:
-    """The name of the preset. Raises StudyError unless either data or built-in shapes are given.
+    """The name of the preset.
+
+    Raises:
+        StudyError: Unless either data or built-in shapes are given.
 
     >>> preset_for(None, "articulated", None), preset_for(Path("FAUST_r"), None, None)
     ('articulated', 'non-isometric')

@@ -46,9 +46,12 @@ class About:
 
 
 def write_about(about: About, folder: Path) -> list[Path]:
-    """README.md, MODEL_CARD.md, dataset_description.json and load_in_slicer.py. Returns them.
+    """README.md, MODEL_CARD.md, dataset_description.json and load_in_slicer.py.
 
     The README names what lies in the folder, so this comes last.
+
+    Returns:
+        Them.
     """
     card, bids = folder / "MODEL_CARD.md", folder / "dataset_description.json"
     slicer, readme = folder / "load_in_slicer.py", folder / "README.md"

@@ -41,7 +41,11 @@ def write_comparison(result: ShapeComparison, folder: Path, model_key: str) -> N
 
 
 def read_comparison(folder: Path) -> ShapeComparison:
-    """What `write_comparison` wrote. Raises DamagedFile where a file is missing or damaged."""
+    """What `write_comparison` wrote.
+
+    Raises:
+        DamagedFile: Where a file is missing or damaged.
+    """
     about: dict[str, Any] = storage.read_json(folder / ABOUT_FILE)
     tables = {name: storage.read_table(folder / f"{name}.csv") for name in TABLES}
     covariates = storage.read_table(folder / "covariates.csv")

@@ -78,7 +78,8 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
     """surface.ply and reconstruction.ply; reconstruction.vtp with arrays per vertex: distance_mm
     (−1 where nothing was seen), observed, sd_mm, radius_90_mm. All in the scan's millimetres (LPS).
 
-    Returns the paths written.
+    Returns:
+        The paths written.
     """
     import pyvista
 
@@ -103,9 +104,13 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
 
 
 def write_fits(fits: Sequence[FitReport], folder: Path, reflected: bool = False) -> list[Path]:
-    """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient. Returns them.
+    """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient.
 
-    reflected  the patients were read as mirror images: their surfaces are mirrored back.
+    Args:
+        reflected: The patients were read as mirror images: their surfaces are mirrored back.
+
+    Returns:
+        Them.
     """
     written = []
     for name, table in (("fits", summary(fits)), ("scores", scores_table(fits))):

@@ -19,10 +19,14 @@ _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
 def glb_bytes(model: ShapeModel, modes: int | None = None) -> bytes:
     """The model as a .glb: POSITION is the mean, target m is mode m's displacement at +1 SD.
 
-    modes: how many leading modes to write; None writes all. The accessors hold LPS millimetres;
-    the one node turns them into glTF's metres, y up, so that other programs show the organ
-    upright and at its true size. `mesh.extras.targetNames` names the targets.
-    Raises ValueError for more modes than the model has. Source: glTF 2.0 specification, 3.7.2.2.
+    modes: how many leading modes to write; None writes all. The accessors hold LPS millimetres; the
+    one node turns them into glTF's metres, y up, so that other programs show the organ upright and
+    at its true size. `mesh.extras.targetNames` names the targets.
+
+    Raises:
+        ValueError: For more modes than the model has.
+
+    Source: glTF 2.0 specification, 3.7.2.2.
     """
     if modes is not None:
         model = model.truncate(modes)

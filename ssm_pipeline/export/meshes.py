@@ -42,10 +42,13 @@ def write_meshes(
 ) -> list[Path]:
     """mean.ply, template.ply, and mode_<m>_plus_2sd.ply, mode_<m>_minus_2sd.ply.
 
-    template  (V, 3) mm in the template's own scanner space, where landmarks are placed on it and
-              its images lie under it. All others are in the model's frame.
-    modes     how many leading modes, or fewer where the model has fewer.
-    Returns the paths written. All meshes share one numbering of vertices and faces.
+    Args:
+        template: (V, 3) mm in the template's own scanner space, where landmarks are placed on it
+            and its images lie under it. All others are in the model's frame.
+        modes: How many leading modes, or fewer where the model has fewer.
+
+    Returns:
+        The paths written. All meshes share one numbering of vertices and faces.
     """
     surfaces = {"mean": model.mean, "template": template}
     for mode in range(min(modes, model.mode_count)):

@@ -26,12 +26,17 @@ def write_project(
 ) -> list[Path]:
     """The project, and beside it surfaces/<case>.ply and particles/<case>_{local,world}.particles.
 
-    shapes  the corresponded shapes, each in its own millimetres: the local particles.
-    frames  per case of `shapes`, to the model's millimetres: the world particles.
-    meshes  per case of `shapes`, its own surface in its own millimetres.
-    Returns the paths written, the project last. `alignment_1` is the frame; `procrustes_1`, which
-    ShapeWorks applies after it, has nothing left to do. All values are strings, matrices row by
-    row: ShapeWorks' reader takes nothing else. Source: ShapeWorks 6.5, JsonProjectReader.
+    Args:
+        shapes: The corresponded shapes, each in its own millimetres: the local particles.
+        frames: Per case of `shapes`, to the model's millimetres: the world particles.
+        meshes: Per case of `shapes`, its own surface in its own millimetres.
+
+    Returns:
+        The paths written, the project last. `alignment_1` is the frame; `procrustes_1`, which
+        ShapeWorks applies after it, has nothing left to do. All values are strings, matrices row by
+        row: ShapeWorks' reader takes nothing else.
+
+    Source: ShapeWorks 6.5, JsonProjectReader.
     """
     folder = path.parent
     identity, written, subjects = np.eye(4), [], []

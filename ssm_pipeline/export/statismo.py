@@ -15,8 +15,11 @@ from ssm_pipeline.shape_model.model import ShapeModel
 def write_statismo(model: ShapeModel, path: Path, build_time: str) -> None:
     """The model in Statismo's format 0.9; the mean is also the reference mesh.
 
-    build_time  as text, for the file's own record.
     Scalismo refuses every number type but float32 and int32, and strings of variable length.
+
+    Args:
+        build_time: As text, for the file's own record.
+
     Source: Lüthi et al. 2012 (Statismo); scalismo.io.StatismoIO, the reader of today.
     """
     buffer = io.BytesIO()  # HDF5's own writer prints tracebacks where the disk is full

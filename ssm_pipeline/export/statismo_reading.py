@@ -125,7 +125,11 @@ def _text(value: Any) -> str:
 def _unscaled(
     basis: np.ndarray, variances: np.ndarray, version: tuple[int, int] | None, path: Path
 ) -> np.ndarray:
-    """The basis with columns of length 1. Raises StudyError where lengths and version disagree."""
+    """The basis with columns of length 1.
+
+    Raises:
+        StudyError: Where lengths and version disagree.
+    """
     kept = variances > variances.max() * 1e-12
     squares = (basis[:, kept] ** 2).sum(axis=0)
     is_unit = bool(np.abs(squares - 1).max() < ORTHONORMAL)

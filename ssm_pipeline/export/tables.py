@@ -15,7 +15,8 @@ def write_tables(model: ShapeModel, folder: Path) -> list[Path]:
     """scores.csv: a row per case, its scores in standard deviations. modes.csv: a row per mode, its
     variance in mm², its share of the total variance, and the share of all modes up to it.
 
-    Returns the paths written.
+    Returns:
+        The paths written.
     """
     numbers = np.arange(1, model.mode_count + 1)
     scores = pd.DataFrame(model.scores, columns=[f"mode_{number}_sd" for number in numbers])

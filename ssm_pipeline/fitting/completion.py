@@ -90,8 +90,10 @@ def fits_of_parts(
 ) -> LeftOutFits:
     """The model's cases, each fitted where it is `observed` (V,) alone, by the others' model.
 
-    shapes  as matched, each in its own millimetres; meshes: in the same order; patients: as
-            `cross_validate` takes them.
+    Args:
+        shapes: As matched, each in its own millimetres.
+        meshes: In the same order.
+        patients: As `cross_validate` takes them.
     """
     patients = shapes.case_ids if patients is None else patients
     tasks = (

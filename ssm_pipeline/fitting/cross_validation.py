@@ -49,12 +49,14 @@ class LeftOutFits:
 class CrossValidation:
     """The leave-one-out fits of N cases, per case (N,).
 
-    residual_mm      mean distance of the fitted surface from the case's.
-    mahalanobis      of the fitted scores, standard deviations.
     distances_mm, stated_mm2 (N, V), score_errors (N, M): `left_out`. True scores are those by
                      correspondence.
-    turned_deg       from the cases' mean orientation, upright (3, 3): model → scanner.
-    size             of the case against the mean, 1 unless the model is without size.
+
+    Attributes:
+        residual_mm: Mean distance of the fitted surface from the case's.
+        mahalanobis: Of the fitted scores, standard deviations.
+        turned_deg: From the cases' mean orientation, upright (3, 3): model → scanner.
+        size: Of the case against the mean, 1 unless the model is without size.
     """
 
     case_ids: tuple[str, ...]
@@ -82,9 +84,13 @@ def cross_validate(
 ) -> CrossValidation:
     """Leave each case out, build the model of the others, fit it to that case's own surface.
 
-    shapes    as matched, each in its own millimetres; meshes: in the same order.
-    patients  (N,) whom each case is of: a patient's other cases are left out of the model, too.
-    Raises    StudyError for fewer than six cases, and where fewer than five would be left.
+    Args:
+        shapes: As matched, each in its own millimetres.
+        meshes: In the same order.
+        patients: (N,) whom each case is of: a patient's other cases are left out of the model, too.
+
+    Raises:
+        StudyError: For fewer than six cases, and where fewer than five would be left.
     """
     patients = shapes.case_ids if patients is None else patients
     if not can_judge(patients):

@@ -79,15 +79,20 @@ def fit_model(
 ) -> Fit:
     """The most probable instance of the model on a surface, and its pose.
 
-    surface     in millimetres; open where it was cut off: what lies beyond a border is not held
-                against the model.
-    start       model → surface, to about 30 degrees; None: centre on centre, as the cases lie.
-                `pose_search` finds others.
-    with_scale  the pose has a size, as in a model without one.
-    points      on either surface that are brought to the other.
     Alternates: nearest points both ways, noise and its correlation from what is left between them,
     and one Gauss–Newton step on scores and pose together.
-    Raises CaseError where no point of the model faces the surface.
+
+    Args:
+        surface: In millimetres; open where it was cut off: what lies beyond a border is not held
+            against the model.
+        start: Model → surface, to about 30 degrees; None: centre on centre, as the cases lie.
+            `pose_search` finds others.
+        with_scale: The pose has a size, as in a model without one.
+        points: On either surface that are brought to the other.
+
+    Raises:
+        CaseError: Where no point of the model faces the surface.
+
     Source: Cootes 1995 (active shape models); Albrecht et al. 2013 for the posterior; Chen and
     Medioni 1991 for the distance along normals.
 

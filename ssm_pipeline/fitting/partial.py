@@ -31,11 +31,16 @@ def lies_on_border(found: ClosestPoints, faces: np.ndarray, on_border: np.ndarra
 def opened_at_image_border(mesh: Mesh, mask: Mask, margin_mm: float) -> Mesh:
     """The surface without the flat caps that closed it where the image ended.
 
-    mesh       of that mask, in the same millimetres.
-    margin_mm  a cap's triangles lie this near to the outermost voxels' centres: smoothing draws
-               them in.
-    Returns    the mesh as it is where the organ does not reach the border, else an open one.
-    Raises     CaseError where nothing but caps is left.
+    Args:
+        mesh: Of that mask, in the same millimetres.
+        margin_mm: A cap's triangles lie this near to the outermost voxels' centres: smoothing draws
+            them in.
+
+    Returns:
+        The mesh as it is where the organ does not reach the border, else an open one.
+
+    Raises:
+        CaseError: Where nothing but caps is left.
     """
     direction = np.asarray(mask.direction)
     index = ((mesh.vertices - mask.origin_mm) @ direction) / mask.spacing_mm

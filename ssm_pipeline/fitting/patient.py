@@ -27,21 +27,28 @@ LARGEST_SIZE = 5.0  # times the mean: a child and an adult differ by less, cm an
 
 @dataclass(frozen=True, eq=False)
 class FitReport:
-    """Everything that is said of one fitted patient; all lengths in millimetres.
+    """The fit of a model to one surface, and whether to believe it. All lengths are in mm.
 
-    case_id, by            the patient; "model" alone, or "matcher".
-    surface                the patient's own, as given, V_s vertices, in scanner space.
-    faces (F, 3)           the model's; vertices (V, 3): the reconstruction in scanner space.
-    observed (V,) bool     where the surface was there to be seen; all, unless it is a part.
-    distances_mm (V,)      from the reconstruction to the surface, meaningful where observed;
-    surface_distances_mm   (V_s,) from the surface to the reconstruction.
-    sd_mm (V,)             standard deviation of each vertex along its normal; radius_mm (V,): the
-                           patient's own surface passes within it of 90 % of the vertices.
-    frame                  model → scanner space.
-    scores (M,)            standard deviations; low, high (M,): their 95 % intervals.
-    cohort_scores (N, M)   of the model's own cases, cohort_ids.
-    typicality             distances, tail probabilities, thresholds and flags.
-    remarks                what else a reader should know.
+    Attributes:
+        case_id: The patient.
+        by: "model" where the model found its own place; "matcher" where the network matched it.
+        surface: The patient's surface, V_s vertices, in scanner space.
+        faces: `(F, 3)` int, the model's.
+        vertices: `(V, 3)` the reconstruction, in scanner space.
+        observed: `(V,)` bool, the vertices that the surface covers; all unless it is a part.
+        distances_mm: `(V,)` from the reconstruction to the surface, meaningful where observed.
+        surface_distances_mm: `(V_s,)` from the surface to the reconstruction.
+        sd_mm: `(V,)` standard deviation of each vertex along its normal.
+        radius_mm: `(V,)` the patient's surface passes within it at 90 % of the vertices.
+        frame: Maps the model's frame to scanner space.
+        scores: `(M,)` standard deviations.
+        low: `(M,)` lower ends of the 95 % intervals of the scores.
+        high: `(M,)` upper ends of the 95 % intervals of the scores.
+        cohort_scores: `(N, M)` the scores of the model's own cases.
+        cohort_ids: The model's own cases.
+        typicality: Distances, tail probabilities, thresholds and flags.
+        noise_mm: Standard deviation of a point about the fitted surface, along its normal.
+        remarks: What else a reader should know.
     """
 
     case_id: str
@@ -95,6 +102,7 @@ class FitReport:
 
     @property
     def observed_share(self) -> float:
+        """The share of the vertices that the surface covers."""
         return float(self.observed.mean())
 
 

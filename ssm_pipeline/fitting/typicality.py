@@ -60,7 +60,8 @@ def judge(
 ) -> Typicality:
     """Hold a fit against those of the model's own cases, each fitted without itself.
 
-    size  of the patient against the mean, where the model is without size; else 1.
+    Args:
+        size: Of the patient against the mean, where the model is without size; else 1.
     """
     residual = tail_of(residual_mm, reference.residual_mm)
     distance = tail_of(mahalanobis, reference.mahalanobis)

@@ -10,10 +10,13 @@ from ssm_pipeline.geometry.rigid import best_similarity
 def affine_share(shapes: np.ndarray, steps: int = 20) -> float:
     """Share (0 … 1) of the variance about the mean that affine maps of the mean explain.
 
-    shapes  (N, V, 3), vertex v the same point in all; any unit. Pose is removed first, as a shape
-            model does (each turned onto the common mean), so that turns and shifts count for
+    Args:
+        shapes: (N, V, 3), vertex v the same point in all; any unit. Pose is removed first, as a
+            shape model does (each turned onto the common mean), so that turns and shifts count for
             nothing. The mean is mapped onto each shape by the affine map of least squares.
-    Raises  ValueError for shapes that do not differ.
+
+    Raises:
+        ValueError: For shapes that do not differ.
 
     >>> points = np.random.default_rng(0).standard_normal((100, 3))
     >>> round(affine_share(np.stack([points, points * [1, 1, 1.2], points * [1.1, 1, 1]])), 3)

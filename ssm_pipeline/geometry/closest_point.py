@@ -23,7 +23,9 @@ def closest_points(
 ) -> ClosestPoints:
     """For each query (Q, 3) its exact nearest point on the mesh's triangles (AABB tree).
 
-    tree  of the same mesh (`SurfaceTarget.tree`), where it is asked many times; None: built here.
+    Args:
+        tree: Of the same mesh (`SurfaceTarget.tree`), where it is asked many times; None: built
+            here.
     """
     queries = np.ascontiguousarray(queries, dtype=np.float64)
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)

@@ -98,7 +98,8 @@ def geodesic_matrix(
 ) -> np.ndarray:
     """(V, V) float32 distances between all vertices, symmetric; inf between components.
 
-    across_gaps  join the components by `bridges`, so that every distance is finite.
+    Args:
+        across_gaps: Join the components by `bridges`, so that every distance is finite.
     """
     graph = straight_line_graph(vertices, faces)
     if across_gaps:

@@ -67,8 +67,9 @@ def sample_surface(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Even random points on a surface, stratified over its area.
 
-    Returns (count,) face indices and (count, 3) barycentric weights: the points are
-    `interpolated(vertices, faces[face], barycentric)`, and move with the vertices.
+    Returns:
+        (count,) face indices and (count, 3) barycentric weights: the points are
+        `interpolated(vertices, faces[face], barycentric)`, and move with the vertices.
     """
     cumulative = np.cumsum(face_areas(vertices, faces))
     # One draw in each of `count` equal strips of area: far less clumping than free draws.

@@ -14,8 +14,12 @@ def arap_energy(
     """E_arap for each pair of poses: Σ_i Σ_j∈N(i) w_ij ‖R_i (x_i − x_j) − (x'_i − x'_j)‖².
 
     poses, next_poses (T, V, 3); edges (E, 2) directed; edge_weights (E,) cotangent, ≥ 0.
-    Returns (T,). R_i minimises its term in closed form, so by the envelope theorem the gradient
-    may treat it as constant, and does. Source: Sorkine and Alexa 2007.
+
+    Returns:
+        (T,). R_i minimises its term in closed form, so by the envelope theorem the gradient may
+        treat it as constant, and does.
+
+    Source: Sorkine and Alexa 2007.
     """
     start, end = edges.T
     before = poses[:, start] - poses[:, end]

@@ -54,8 +54,10 @@ class Interpolator(nn.Module):
     ) -> torch.Tensor:
         """X(t) for all times at once.
 
-        vertices (V, 3) X, unit area; target (V, 3) Π_xy Y; times (T,) in [0, 1];
-        neighbours (V, R). Returns (T, V, 3).
+        vertices (V, 3) X, unit area; target (V, 3) Π_xy Y; times (T,) in [0, 1]; neighbours (V, R).
+
+        Returns:
+            (T, V, 3).
         """
         spatial = torch.cat([vertices, target - vertices], dim=1).expand(len(times), -1, -1)
         t = times[:, None, None].expand(-1, len(vertices), 1)

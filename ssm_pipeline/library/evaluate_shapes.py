@@ -60,16 +60,17 @@ def evaluate(
     Source: Davies et al. 2002, "A minimum description length approach to statistical shape
     modeling" (compactness, generalisation, specificity).
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(2)
-    >>> sizes = np.array([[30, 40, 50], [33, 39, 55], [28, 41, 47], [31, 44, 52]])
-    >>> ids = ("a", "b", "c", "d")
-    >>> shapes = CorrespondedShapes(sizes[:, None] * ball.vertices, ball.faces, ids, "a")
-    >>> meshes = [Mesh(v, ball.faces, i) for v, i in zip(shapes.vertices, ids)]
-    >>> quick = EvaluationSettings(points=200, samples=10, surface_samples=2)
-    >>> tables = evaluate(shapes, meshes, quick).tables
-    >>> tables["generalisation_mean"]["modes"].tolist()
-    [1, 2]
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(2)
+        >>> sizes = np.array([[30, 40, 50], [33, 39, 55], [28, 41, 47], [31, 44, 52]])
+        >>> ids = ("a", "b", "c", "d")
+        >>> shapes = CorrespondedShapes(sizes[:, None] * ball.vertices, ball.faces, ids, "a")
+        >>> meshes = [Mesh(v, ball.faces, i) for v, i in zip(shapes.vertices, ids)]
+        >>> quick = EvaluationSettings(points=200, samples=10, surface_samples=2)
+        >>> tables = evaluate(shapes, meshes, quick).tables
+        >>> tables["generalisation_mean"]["modes"].tolist()
+        [1, 2]
     """
     require_type(shapes, (CorrespondedShapes, ShapeModel), "shapes")
     require_each(meshes, Mesh, "meshes", "Read a file with read_mesh.")
@@ -104,20 +105,23 @@ def compare_methods(
     Raises:
         ValueError: For methods that were not scored alike, or an unknown baseline.
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(2)
-    >>> sizes = np.array([[30, 40, 50], [33, 39, 55], [28, 41, 47], [31, 44, 52]])
-    >>> ids = ("a", "b", "c", "d")
-    >>> right = CorrespondedShapes(sizes[:, None] * ball.vertices, ball.faces, ids, "a")
-    >>> meshes = [Mesh(v, ball.faces, i) for v, i in zip(right.vertices, ids)]
-    >>> slid = right.vertices.copy()
-    >>> slid[1] = sizes[1] * ball.vertices[:, [1, 2, 0]]  # on the same surface, other vertices
-    >>> wrong = CorrespondedShapes(slid, ball.faces, ids, "a")
-    >>> quick = EvaluationSettings(points=200, samples=10, surface_samples=2, fit_surfaces=False)
-    >>> scored = {n: evaluate(s, meshes, quick) for n, s in (("right", right), ("wrong", wrong))}
-    >>> table = compare_methods(scored, "right", draws=100).set_index("method")
-    >>> bool(table.loc["wrong", "generalisation_surface_difference_mm"] > 0)
-    True
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(2)
+        >>> sizes = np.array([[30, 40, 50], [33, 39, 55], [28, 41, 47], [31, 44, 52]])
+        >>> ids = ("a", "b", "c", "d")
+        >>> right = CorrespondedShapes(sizes[:, None] * ball.vertices, ball.faces, ids, "a")
+        >>> meshes = [Mesh(v, ball.faces, i) for v, i in zip(right.vertices, ids)]
+        >>> slid = right.vertices.copy()
+        >>> slid[1] = sizes[1] * ball.vertices[:, [1, 2, 0]]  # on the same surface, other vertices
+        >>> wrong = CorrespondedShapes(slid, ball.faces, ids, "a")
+        >>> quick = EvaluationSettings(points=200, samples=10, surface_samples=2)
+        >>> scored = {
+        ...     "right": evaluate(right, meshes, quick), "wrong": evaluate(wrong, meshes, quick)
+        ... }
+        >>> table = compare_methods(scored, "right", draws=100).set_index("method")
+        >>> bool(table.loc["wrong", "generalisation_surface_difference_mm"] > 0)
+        True
     """
     table = compare(scored, baseline, draws, np.random.default_rng(seed))
     return with_surface_fits(table, scored)

@@ -52,21 +52,22 @@ def fit(
 
     Source: Cootes 1995 (active shape models); Albrecht et al. 2013 for the posterior.
 
-    >>> import numpy as np
-    >>> import trimesh
-    >>> from ssm_pipeline import CorrespondedShapes, build_model
-    >>> ball = trimesh.creation.icosphere(2)
-    >>> sizes = np.random.default_rng(0).normal([30, 40, 50], 3, (7, 3))
-    >>> shapes = CorrespondedShapes(
-    ...     sizes[:, None] * ball.vertices, ball.faces, tuple("abcdefg"), "a"
-    ... )
-    >>> model = build_model(shapes)
-    >>> new = Mesh(ball.vertices * [31, 42, 48] + 100, ball.faces, "new")
-    >>> fit(model, new).flags
-    ()
-    >>> in_metres = Mesh(new.vertices / 1000, ball.faces, "new")
-    >>> fit(model, in_metres).flags[0]
-    "units: it is 0.00... times as large as the model's mean. Is it in millimetres?"
+    Examples:
+        >>> import numpy as np
+        >>> import trimesh
+        >>> from ssm_pipeline import CorrespondedShapes, build_model
+        >>> ball = trimesh.creation.icosphere(2)
+        >>> sizes = np.random.default_rng(0).normal([30, 40, 50], 3, (7, 3))
+        >>> shapes = CorrespondedShapes(
+        ...     sizes[:, None] * ball.vertices, ball.faces, tuple("abcdefg"), "a"
+        ... )
+        >>> model = build_model(shapes)
+        >>> new = Mesh(ball.vertices * [31, 42, 48] + 100, ball.faces, "new")
+        >>> fit(model, new).flags
+        ()
+        >>> in_metres = Mesh(new.vertices / 1000, ball.faces, "new")
+        >>> fit(model, in_metres).flags[0]
+        "units: it is 0.00... times as large as the model's mean. Is it in millimetres?"
     """
     require_type(model, ShapeModel, "model", "Read it with load_model.")
     require_type(surface, Mesh, "surface", "Read it with read_mesh.")

@@ -81,15 +81,16 @@ def train(
 
     Source: Cao et al. 2024, "Spectral Meets Spatial", Eq. 14.
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> meshes = [
-    ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
-    ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
-    ... ]
-    >>> matcher = train(meshes, steps=2, device="cpu")
-    >>> matcher.trained_on
-    ('case_0', 'case_1', 'case_2')
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(3)
+        >>> meshes = [
+        ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
+        ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
+        ... ]
+        >>> matcher = train(meshes, steps=2, device="cpu")
+        >>> matcher.trained_on
+        ('case_0', 'case_1', 'case_2')
     """
     require_each(surfaces, MESH_OR_BASIS, "surfaces", READ)
     given = {"steps": steps, "start": start}
@@ -132,13 +133,14 @@ def correspond(
 
     Source: Cao et al. 2024, "Spectral Meets Spatial", Eq. 15.
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> template = Mesh(ball.vertices * [30, 40, 50], ball.faces, "template")
-    >>> case = Mesh(ball.vertices * [33, 39, 55], ball.faces, "case")
-    >>> match = correspond(template, case, matcher=None, method="adaptation only")
-    >>> match.points_on(case).shape
-    (642, 3)
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(3)
+        >>> template = Mesh(ball.vertices * [30, 40, 50], ball.faces, "template")
+        >>> case = Mesh(ball.vertices * [33, 39, 55], ball.faces, "case")
+        >>> match = correspond(template, case, matcher=None, method="adaptation only")
+        >>> match.points_on(case).shape
+        (642, 3)
     """
     require_type(template, MESH_OR_BASIS, "template", READ)
     require_type(case, MESH_OR_BASIS, "case", READ)
@@ -192,15 +194,16 @@ def match_cohort(
         StudyError: For a template that is none of the cases, for two cases with one id, and for a
             method that does not exist.
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> meshes = [
-    ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
-    ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
-    ... ]
-    >>> shapes = match_cohort(meshes, matcher=None, method="adaptation only", rounds=1)
-    >>> shapes.vertices.shape, shapes.template_id
-    ((3, 642, 3), 'case_0')
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(3)
+        >>> meshes = [
+        ...     Mesh(ball.vertices * size, ball.faces, f"case_{index}")
+        ...     for index, size in enumerate([[30, 40, 50], [33, 39, 55], [28, 41, 47]])
+        ... ]
+        >>> shapes = match_cohort(meshes, matcher=None, method="adaptation only", rounds=1)
+        >>> shapes.vertices.shape, shapes.template_id
+        ((3, 642, 3), 'case_0')
     """
     require_each(meshes, Mesh, "meshes", READ)
     require_type(matcher, MATCHER_OR_NONE, "matcher", TRAIN)

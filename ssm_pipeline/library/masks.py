@@ -51,11 +51,12 @@ def read_mask(
         CaseError: For a file that is missing, damaged or of another kind, and for a label that is
             absent or not named although the image has several.
 
-    >>> voxels = np.zeros((20, 20, 20), dtype=np.uint8)
-    >>> voxels[5:15, 5:15, 5:15] = 3
-    >>> mask = read_mask(voxels, labels=3, spacing_mm=(1, 1, 2), case_id="liver_7")
-    >>> mask.volume_mm3
-    2000.0
+    Examples:
+        >>> voxels = np.zeros((20, 20, 20), dtype=np.uint8)
+        >>> voxels[5:15, 5:15, 5:15] = 3
+        >>> mask = read_mask(voxels, labels=3, spacing_mm=(1, 1, 2), case_id="liver_7")
+        >>> mask.volume_mm3
+        2000.0
     """
     require_type(source, (str, Path, np.ndarray), "source")
     chosen = (segments,) if isinstance(segments, str) else tuple(segments)
@@ -105,11 +106,12 @@ def mesh_from_mask(mask: Mask, settings: MeshingSettings | None = None) -> Mesh:
     Source: Cao et al. 2024, the LUNA16 experiment (marching cubes, Laplacian smoothing, quadric
     decimation to about 8000 triangles).
 
-    >>> z, y, x = np.indices((30, 30, 30)) - 15
-    >>> ball = read_mask(z**2 + y**2 + x**2 < 100, spacing_mm=(2, 2, 2), case_id="ball")
-    >>> mesh = mesh_from_mask(ball, MeshingSettings(faces=1000))
-    >>> len(mesh.faces)
-    1000
+    Examples:
+        >>> z, y, x = np.indices((30, 30, 30)) - 15
+        >>> ball = read_mask(z**2 + y**2 + x**2 < 100, spacing_mm=(2, 2, 2), case_id="ball")
+        >>> mesh = mesh_from_mask(ball, MeshingSettings(faces=1000))
+        >>> len(mesh.faces)
+        1000
     """
     require_type(mask, Mask, "mask", "Read it with read_mask, or make one from an array with Mask.")
     return mesh_with_quality(mask, settings or MeshingSettings())[0]

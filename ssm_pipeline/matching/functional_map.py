@@ -28,10 +28,12 @@ def functional_map(
 ) -> torch.Tensor:
     """C_xy (K_y, K_x) = argmin ‖C A − B‖² + Σ_ij penalty_ij C_ij².
 
-    spectral_x  A = Φ_X†F_X (K_x, channels); spectral_y  B = Φ_Y†F_Y (K_y, channels);
-    penalty     (K_y, K_x), λ times the mask.
-    Row i solves (A Aᵀ + diag(penalty_i)) c_i = A b_i. Solved in double precision, because the
-    Gram matrix of untrained features is close to singular.
+    Row i solves (A Aᵀ + diag(penalty_i)) c_i = A b_i. Solved in double precision, because the Gram
+    matrix of untrained features is close to singular.
+
+    Args:
+        spectral_x: A = Φ_X†F_X (K_x, channels); spectral_y B = Φ_Y†F_Y (K_y, channels)
+        penalty: (K_y, K_x), λ times the mask.
     """
     A, B = spectral_x.double(), spectral_y.double()
     gram, right = A @ A.T, B @ A.T

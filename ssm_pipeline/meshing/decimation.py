@@ -45,10 +45,11 @@ def decimate(mesh: Mesh, faces: int, fast_faces: int = 40_000) -> Mesh:
 
     Source: Garland and Heckbert 1997.
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(4)
-    >>> len(ball.faces), len(decimate(Mesh(ball.vertices, ball.faces, "ball"), 2000).faces)
-    (5120, 2000)
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(4)
+        >>> len(ball.faces), len(decimate(Mesh(ball.vertices, ball.faces, "ball"), 2000).faces)
+        (5120, 2000)
     """
     require_type(mesh, Mesh, "mesh", "Read a file with read_mesh.")
     require_type(faces, (int, np.integer), "faces")

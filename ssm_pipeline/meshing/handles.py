@@ -16,13 +16,18 @@ _RESTARTS = 3  # roots tried along the loop found so far
 def cut_handles(mesh: Mesh) -> tuple[Mesh, int]:
     """Cut the surface along its shortest non-separating loops until it has genus 0.
 
-    mesh     one closed, oriented manifold piece.
-    Returns  the mesh and the number of cuts (its genus before).
-
     A loop around a thin bridge cuts the bridge; a loop around a hole fills the hole: the shorter
     one is the smaller change. Both ends of the cut are closed by a fan of triangles, and the fans
-    are smoothed. Source: the loops are those of a tree-cotree decomposition (Eppstein 2003;
-    Erickson and Whittlesey 2005), the shortest of a few roots rather than of all.
+    are smoothed.
+
+    Args:
+        mesh: One closed, oriented manifold piece.
+
+    Returns:
+        The mesh and the number of cuts (its genus before).
+
+    Source: the loops are those of a tree-cotree decomposition (Eppstein 2003; Erickson and
+    Whittlesey 2005), the shortest of a few roots rather than of all.
     """
     cuts = 0
     while euler_number(mesh.faces) < 2:

@@ -19,10 +19,13 @@ from ssm_pipeline.records import CaseError, Mask, Mesh
 def mesh_with_quality(mask: Mask, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
     """Crop, keep the largest piece, fill cavities, blur, extract, smooth, cut handles, decimate.
 
-    The blur's level is the one that keeps the volume, and what smoothing and decimation take off
-    is given back along the normals. Handles, which the hilum of a lung leaves, mostly vanish in
-    the blur; the rest are cut on the surface (see `handles`).
-    Raises CaseError if no closed manifold surface results.
+    The blur's level is the one that keeps the volume, and what smoothing and decimation take off is
+    given back along the normals. Handles, which the hilum of a lung leaves, mostly vanish in the
+    blur; the rest are cut on the surface (see `handles`).
+
+    Raises:
+        CaseError: If no closed manifold surface results.
+
     Source: Cao et al. 2024, the LUNA16 experiment (marching cubes, Laplacian smoothing, quadric
     decimation to about 8000 triangles); the rest is ours.
     """

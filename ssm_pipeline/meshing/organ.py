@@ -17,9 +17,12 @@ ANOTHER_ORGAN = 0.3  # a second piece this large beside the first is no crumb
 class Cleaning:
     """What was done to a mask before it was meshed; volumes in mm³.
 
-    given      volume as read; pieces: how many it fell into (26-neighbours).
-    left_out   of all pieces but the largest; second: of the largest of those.
-    filled     of the cavities that the largest piece encloses.
+    Attributes:
+        given: Volume as read.
+        pieces: How many it fell into (26-neighbours).
+        left_out: Of all pieces but the largest.
+        second: Of the largest of those.
+        filled: Of the cavities that the largest piece encloses.
     """
 
     given: float
@@ -60,7 +63,8 @@ class Cleaning:
 def keep_organ(mask: Mask) -> tuple[Mask, Cleaning]:
     """Crop to the mask, keep its largest piece (26-neighbours) and fill enclosed cavities.
 
-    Raises CaseError for an empty mask.
+    Raises:
+        CaseError: For an empty mask.
     """
     cropped = _crop(mask)
     given, voxel_mm3 = cropped.volume_mm3, float(np.prod(cropped.spacing_mm))

@@ -22,16 +22,17 @@ _SAMPLES = 10_000
 class MeshQuality:
     """What the report says of one case's mesh.
 
-    euler_number       2 for a topological sphere; handles_cut were taken away to get there.
-    mask_volume_ml     of the mask as read; of a surface, once its holes are closed. The change
-                       is the mesh's against it.
-    pieces, left_out_ml, cavities_filled_ml   what the mask fell into, and what of it was left out
-                       or filled to make one solid organ.
-    surface_mean_mm, surface_hd95_mm   symmetric distance between the mesh and what it was made
-                       of: mean and 95th percentile over both directions. Of a mask, the outer
-                       faces of the organ's voxels.
-    voxel_mm, smoothing_mm   of the grid between mask and mesh; of a surface, NaN and 0.
-    warnings           what was left out, filled or mended, in words, where it is worth a look.
+    Attributes:
+        euler_number: 2 for a topological sphere; handles_cut were taken away to get there.
+        mask_volume_ml: Of the mask as read; of a surface, once its holes are closed. The change is
+            the mesh's against it.
+        pieces, left_out_ml, cavities_filled_ml: What the mask fell into, and what of it was left
+            out or filled to make one solid organ.
+        surface_mean_mm, surface_hd95_mm: Symmetric distance between the mesh and what it was made
+            of: mean and 95th percentile over both directions. Of a mask, the outer faces of the
+            organ's voxels.
+        voxel_mm, smoothing_mm: Of the grid between mask and mesh; of a surface, NaN and 0.
+        warnings: What was left out, filled or mended, in words, where it is worth a look.
     """
 
     vertices: int

@@ -13,7 +13,11 @@ STEP = 0.03  # of the organ's length, the cube root of its volume: a tenth of th
 
 
 def quick_mesh(case: Mask | Surface, settings: MeshingSettings) -> tuple[Mesh, MeshQuality]:
-    """`mesh_with_quality` or `mesh_from_surface` of few triangles. Raises CaseError as they do."""
+    """`mesh_with_quality` or `mesh_from_surface` of few triangles.
+
+    Raises:
+        CaseError: As they do.
+    """
     coarse = settings.model_copy(update={"faces": min(FACES, settings.faces)})
     if isinstance(case, Surface):
         return mesh_from_surface(case, coarse)

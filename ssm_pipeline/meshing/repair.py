@@ -20,8 +20,10 @@ def repair(surface: Surface, hole_percent: float) -> tuple[Mesh, tuple[str, ...]
     Equal vertices are merged, triangles without area and doubled ones dropped, knots (edges of
     three triangles) cut out, faces turned to agree, holes up to `hole_percent` of the surface's
     area closed by a fan.
-    Raises CaseError for a larger hole, a surface without volume, or one that cuts through itself
-    over much of its area.
+
+    Raises:
+        CaseError: For a larger hole, a surface without volume, or one that cuts through itself over
+            much of its area.
     """
     case_id = surface.case_id
     told: list[str] = []
@@ -113,7 +115,11 @@ def _largest_piece(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
 def _close_holes(
     vertices: np.ndarray, faces: np.ndarray, hole_percent: float, case_id: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Every hole closed by a fan about its middle. Raises CaseError for a large one."""
+    """Every hole closed by a fan about its middle.
+
+    Raises:
+        CaseError: For a large one.
+    """
     loops = _boundary_loops(faces)
     total = area(vertices, faces)
     fans, centres = [], []

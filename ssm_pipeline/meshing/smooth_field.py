@@ -17,9 +17,10 @@ _MAX_POINTS = 3e8  # 1.2 GB of float32
 class SmoothField:
     """values (Z, Y, X) float32 in [0, 1]: the share of organ under the Gaussian at each point.
 
-    voxel_mm      isotropic distance of the grid points.
-    origin_mm     (3,) LPS of values[0, 0, 0]; direction (3, 3), columns are the axes x, y, z.
-    level         {values > level} has the organ's volume.
+    Attributes:
+        voxel_mm: Isotropic distance of the grid points.
+        origin_mm: (3,) LPS of values[0, 0, 0]; direction (3, 3), columns are the axes x, y, z.
+        level: {values > level} has the organ's volume.
     """
 
     values: np.ndarray
@@ -32,10 +33,12 @@ class SmoothField:
 def smooth_field(organ: Mask, voxel_mm: float, smoothing_mm: float) -> SmoothField:
     """Blur the organ with a Gaussian (sigma in mm) and sample it on an isotropic grid.
 
-    The mask is taken as piecewise constant over its voxels and the Gaussian is integrated over
-    each of them, so that thick slices are treated as what they are. Sigma is at least 0.6 voxels
-    along each axis: less leaves the slices visible as steps.
-    Raises CaseError if the grid would be too large for memory.
+    The mask is taken as piecewise constant over its voxels and the Gaussian is integrated over each
+    of them, so that thick slices are treated as what they are. Sigma is at least 0.6 voxels along
+    each axis: less leaves the slices visible as steps.
+
+    Raises:
+        CaseError: If the grid would be too large for memory.
     """
     margin = 4 * smoothing_mm + 2 * voxel_mm
     extent_mm = np.array(organ.voxels.shape[::-1]) * organ.spacing_mm

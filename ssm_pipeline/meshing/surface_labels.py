@@ -16,9 +16,11 @@ def surface_labels(mesh: Mesh, mask: Mask) -> SurfaceLabels:
     """To which labelled part of the organ each vertex of its surface belongs.
 
     A vertex has the labels of the voxels around it, weighted by a Gaussian of one voxel's size
-    about the nearest of them: the border between two parts then runs smoothly between voxels,
-    where the nearest voxel's label alone would make it a staircase, and too long.
-    Raises CaseError for a mask without labels, or whose organ has none.
+    about the nearest of them: the border between two parts then runs smoothly between voxels, where
+    the nearest voxel's label alone would make it a staircase, and too long.
+
+    Raises:
+        CaseError: For a mask without labels, or whose organ has none.
     """
     if mask.labels is None:
         raise CaseError(mask.case_id, "the mask has no labels of parts. Name several in labels.")

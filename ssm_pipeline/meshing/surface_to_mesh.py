@@ -17,7 +17,9 @@ def mesh_from_surface(surface: Surface, settings: MeshingSettings) -> tuple[Mesh
     """Repair, cut handles, and bring to the wanted number of triangles; nothing is smoothed.
 
     The quality is against the repaired surface.
-    Raises CaseError where no closed manifold surface results.
+
+    Raises:
+        CaseError: Where no closed manifold surface results.
     """
     whole, told = repair(surface, settings.hole_percent)
     fine = reduce_fast(whole, settings.fast_faces)

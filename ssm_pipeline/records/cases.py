@@ -1,4 +1,4 @@
-"""Cases as they come: masks and surfaces, where they are read, which are left out."""
+"""Cases before meshing: masks, surfaces, their files, and the cases that are left out."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ssm_pipeline.records.errors import CaseError
 from ssm_pipeline.records.shapes import Mesh
@@ -34,18 +35,19 @@ class Mask:
         CaseError: For arrays of other shapes, a voxel size that is not positive, and axes that are
             not at right angles.
 
-    >>> import numpy as np
-    >>> voxels = np.zeros((10, 20, 30), dtype=bool)
-    >>> voxels[2:8, 5:15, 5:25] = True
-    >>> mask = Mask(voxels, [0.5, 0.5, 2.0], [0, 0, 0], np.eye(3), "liver_7")
-    >>> mask.volume_mm3
-    600.0
+    Examples:
+        >>> import numpy as np
+        >>> voxels = np.zeros((10, 20, 30), dtype=bool)
+        >>> voxels[2:8, 5:15, 5:25] = True
+        >>> mask = Mask(voxels, [0.5, 0.5, 2.0], [0, 0, 0], np.eye(3), "liver_7")
+        >>> mask.volume_mm3
+        600.0
     """
 
-    voxels: np.ndarray
-    spacing_mm: np.ndarray
-    origin_mm: np.ndarray
-    direction: np.ndarray
+    voxels: Bool[np.ndarray, "Z Y X"]
+    spacing_mm: Float[np.ndarray, 3]
+    origin_mm: Float[np.ndarray, 3]
+    direction: Float[np.ndarray, "3 3"]
     case_id: str
     warnings: tuple[str, ...] = ()
     labels: np.ndarray | None = None
@@ -97,13 +99,20 @@ class Mask:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangle surface as a file gives it: it may be open, doubled, knotted or inside out.
+    """A triangle surface as a file gives it. It may be open, doubled, knotted or inside out.
 
-    vertices (V, 3) mm LPS, finite; faces (F, 3) int, F > 0; warnings: as of a Mask.
+    Attributes:
+        vertices: `(V, 3)` mm LPS, finite.
+        faces: `(F, 3)` int, F > 0.
+        case_id: Names the case in messages and tables.
+        warnings: What a reader of the report should know about this case.
+
+    Raises:
+        CaseError: For arrays of other shapes, numbers that are not finite, or no faces.
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Float[np.ndarray, "V 3"]
+    faces: Int[np.ndarray, "F 3"]
     case_id: str
     warnings: tuple[str, ...] = ()
 
@@ -121,10 +130,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class CaseSource:
-    """A case not read yet: its id, the files it rests on, and how to read it.
+    """A case that is not read yet.
 
-    patient  whom it is of, where a patient has several cases (two sides, two visits): they are
-             kept in one fold. Empty: the case is its own.
+    Attributes:
+        case_id: Names the case in messages and tables.
+        files: The files that the case depends on.
+        load: Reads the case.
+        patient: The patient, where a patient has several cases (two sides, two visits). The cases
+            of a patient are kept in one fold. Empty: the case is a patient of its own.
     """
 
     case_id: str
@@ -135,7 +148,13 @@ class CaseSource:
 
 @dataclass(frozen=True)
 class Dropped:
-    """A case left out, at which stage and why."""
+    """A case that is left out.
+
+    Attributes:
+        case_id: The case.
+        stage: The stage that dropped it.
+        reason: Why, and what to do about it.
+    """
 
     case_id: str
     stage: str
@@ -144,7 +163,14 @@ class Dropped:
 
 @dataclass(frozen=True, eq=False)
 class Cohort:
-    """The cases of a study. `truth` is set for synthetic cohorts only."""
+    """The cases of a study.
+
+    Attributes:
+        name: The name of the cohort.
+        cases: The cases, not read yet.
+        dropped: The cases that are left out.
+        truth: The known truth, for synthetic cohorts only.
+    """
 
     name: str
     cases: tuple[CaseSource, ...]

@@ -1,4 +1,4 @@
-"""What stands in the way of a case or of a study, told to the user."""
+"""Errors that the user can act on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ from pathlib import Path
 
 
 class CaseError(ValueError):
-    """A case can't be used: says which, what was found, what was needed, what to try."""
+    """A case cannot be used. A study drops it and continues.
+
+    The message names the case, what was found, what was needed and what to try.
+
+    Args:
+        case_id: The case.
+        reason: The message without the case.
+    """
 
     def __init__(self, case_id: str, reason: str) -> None:
         super().__init__(f"case {case_id}: {reason}")
@@ -18,11 +25,16 @@ class CaseError(ValueError):
 
 
 class StudyError(ValueError):
-    """A whole study can't run (too few cases, wrong folder, clashing settings)."""
+    """A whole study cannot run: too few cases, a wrong folder, settings that contradict."""
 
 
 class DamagedFile(StudyError):
-    """A file of ours can't be read back: missing, cut short, changed, or of another kind."""
+    """A file of this package cannot be read: missing, cut short, changed, or of another kind.
+
+    Args:
+        path: The file.
+        found: What is wrong with it, as "is missing".
+    """
 
     def __init__(self, path: Path, found: str) -> None:
         super().__init__(

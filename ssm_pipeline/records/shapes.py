@@ -1,4 +1,4 @@
-"""Surfaces, and what is found on and between them."""
+"""Surfaces, and what is computed on and between them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from jaxtyping import Float, Int
 
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.similarity import Similarity
@@ -16,18 +17,25 @@ from ssm_pipeline.records.errors import CaseError, StudyError
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh: vertices (V, 3) float64 mm LPS, faces (F, 3) int64, outward oriented.
+    """A triangle mesh in patient space, read-only.
 
-    Read-only. Raises CaseError for arrays of other shapes, numbers that are not finite, and faces
-    that name missing vertices.
+    Attributes:
+        vertices: `(V, 3)` float64, mm LPS.
+        faces: `(F, 3)` int64, vertex indices, oriented outward.
+        case_id: Names the case in messages and tables.
 
-    >>> mesh = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "liver_7")
-    >>> mesh.vertices.dtype, len(mesh.faces)
-    (dtype('float64'), 1)
+    Raises:
+        CaseError: For arrays of other shapes, numbers that are not finite, and faces that name
+            missing vertices.
+
+    Examples:
+        >>> mesh = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "liver_7")
+        >>> mesh.vertices.dtype, len(mesh.faces)
+        (dtype('float64'), 1)
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Float[np.ndarray, "V 3"]
+    faces: Int[np.ndarray, "F 3"]
     case_id: str
 
     def __post_init__(self) -> None:
@@ -47,17 +55,30 @@ class Mesh:
 class SpectralBasis:
     """Laplacian eigenpairs and operators of one mesh, centred and scaled to unit area.
 
-    eigenvalues (K,) ascending; eigenvectors (V, K), mass-orthonormal; mass (V,) lumped, sum 1;
-    laplacian (V, V) sparse, positive semidefinite; gradient_x, gradient_y (V, V) sparse: the two
-    tangential components of DiffusionNet's per-vertex gradient; frame: unit-area → millimetres.
+    `spectral_basis` computes it.
+
+    Attributes:
+        case_id: Names the case in messages and tables.
+        vertices: `(V, 3)`, unit area.
+        faces: `(F, 3)` int.
+        eigenvalues: `(K,)`, ascending.
+        eigenvectors: `(V, K)`, orthonormal in the mass.
+        mass: `(V,)` lumped mass, sum 1.
+        laplacian: `(V, V)` sparse, positive semidefinite.
+        gradient_x: `(V, V)` sparse, the first tangential component of the gradient at a vertex.
+        gradient_y: `(V, V)` sparse, the second tangential component.
+        frame: Maps unit area to millimetres.
+
+    Raises:
+        CaseError: For numbers that are not finite.
     """
 
     case_id: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    eigenvalues: np.ndarray
-    eigenvectors: np.ndarray
-    mass: np.ndarray
+    vertices: Float[np.ndarray, "V 3"]
+    faces: Int[np.ndarray, "F 3"]
+    eigenvalues: Float[np.ndarray, " K"]
+    eigenvectors: Float[np.ndarray, "V K"]
+    mass: Float[np.ndarray, " V"]
     laplacian: sp.csr_matrix
     gradient_x: sp.csr_matrix
     gradient_y: sp.csr_matrix
@@ -84,30 +105,44 @@ class SpectralBasis:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """Template vertex → point on a case's surface.
+    """For each template vertex, a point on the surface of a case.
 
-    case_faces (V_t,) int; barycentric (V_t, 3); nearest_vertex (V_t,) int: the case's vertex
-    nearest to the adapted template vertex. `fitted` (V_t, 3) mm: the adapted template X(1, 1)
-    in the case's own space, before it is carried onto the surface. `start`: where the
-    adaptation began: rigid, turned (rigidly, by the map), network, mean or as scanned.
+    Attributes:
+        template_id: The template.
+        case_id: The case.
+        case_faces: `(V_t,)` int, the face of the case that holds the point.
+        barycentric: `(V_t, 3)`, the point's weights in that face.
+        nearest_vertex: `(V_t,)` int, the vertex of the case nearest to the adapted template vertex.
+        fitted: `(V_t, 3)` mm, the adapted template X(1, 1) in the case's own space, before it is
+            projected onto the surface.
+        start: The start of the adaptation: rigid, turned (a rotation by the map), network, mean or
+            as scanned.
 
-    >>> case = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "b")
-    >>> middle = Correspondence("a", "b", np.array([0]), np.array([[0.5, 0.5, 0.0]]), np.array([0]),
-    ...                         np.array([[15.0, 0.0, 1.0]]))
-    >>> middle.points_on(case)
-    array([[15.,  0.,  0.]])
+    Examples:
+        >>> case = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "b")
+        >>> one, halves = np.array([0]), np.array([[0.5, 0.5, 0.0]])
+        >>> middle = Correspondence("a", "b", one, halves, one, np.array([[15.0, 0.0, 1.0]]))
+        >>> middle.points_on(case)
+        array([[15.,  0.,  0.]])
     """
 
     template_id: str
     case_id: str
-    case_faces: np.ndarray
-    barycentric: np.ndarray
-    nearest_vertex: np.ndarray
-    fitted: np.ndarray
+    case_faces: Int[np.ndarray, " V"]
+    barycentric: Float[np.ndarray, "V 3"]
+    nearest_vertex: Int[np.ndarray, " V"]
+    fitted: Float[np.ndarray, "V 3"]
     start: str = "rigid"
 
     def points_on(self, case: Mesh) -> np.ndarray:
-        """(V_t, 3) mm: the matched points on the case's surface."""
+        """The matched points on the case's surface.
+
+        Args:
+            case: The case's mesh.
+
+        Returns:
+            `(V_t, 3)` mm.
+        """
         return interpolated(case.vertices, case.faces[self.case_faces], self.barycentric)
 
 
@@ -115,18 +150,35 @@ class Correspondence:
 class ShapePath:
     """The two-parameter family X(t, t_s) = X(t) + t_s Δ_s(t), on the template's faces.
 
-    times (T,) in [0, 1]; pose (T, V, 3) mm: X(t); offsets (T, V, 3) mm: Δ_s(t).
+    Attributes:
+        template_id: The template.
+        case_id: The case.
+        times: `(T,)` in [0, 1], ascending.
+        pose: `(T, V, 3)` mm, X(t).
+        offsets: `(T, V, 3)` mm, Δ_s(t).
+        faces: `(F, 3)` int.
     """
 
     template_id: str
     case_id: str
-    times: np.ndarray
-    pose: np.ndarray
-    offsets: np.ndarray
-    faces: np.ndarray
+    times: Float[np.ndarray, " T"]
+    pose: Float[np.ndarray, "T V 3"]
+    offsets: Float[np.ndarray, "T V 3"]
+    faces: Int[np.ndarray, "F 3"]
 
     def at(self, t: float, t_s: float = 1.0) -> np.ndarray:
-        """(V, 3) mm; linear between the stored times. Raises ValueError outside [0, 1]."""
+        """The shape at a time, linear between the stored times.
+
+        Args:
+            t: The time of the pose, in [0, 1].
+            t_s: The share of the offset, in [0, 1].
+
+        Returns:
+            `(V, 3)` mm.
+
+        Raises:
+            ValueError: For t or t_s outside [0, 1].
+        """
         if not (0 <= t <= 1 and 0 <= t_s <= 1):
             raise ValueError(f"t = {t} and t_s = {t_s}; both must lie in [0, 1]")
         upper = int(np.clip(np.searchsorted(self.times, t), 1, len(self.times) - 1))
@@ -140,21 +192,31 @@ class ShapePath:
 
 @dataclass(frozen=True, eq=False)
 class CorrespondedShapes:
-    """N shapes on one template: vertices (N, V, 3) mm, shared faces (F, 3), case ids. Read-only.
+    """N shapes on one template, read-only.
 
-    Raises StudyError for two cases with one id, CaseError for a vertex that is not finite.
+    Attributes:
+        vertices: `(N, V, 3)` mm. Vertex v is the same point in all shapes.
+        faces: `(F, 3)` int, shared.
+        case_ids: The N cases.
+        template_id: The case whose mesh has these faces.
 
-    >>> triangle = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
-    >>> vertices = np.stack([triangle, 2 * triangle, 3 * triangle])
-    >>> shapes = CorrespondedShapes(vertices, np.array([[0, 1, 2]]), ("a", "b", "c"), "b")
-    >>> shapes.template[1]
-    array([6., 0., 0.])
-    >>> shapes.subset([0, 2]).case_ids
-    ('a', 'c')
+    Raises:
+        ValueError: For arrays of other shapes.
+        StudyError: For two cases with one id.
+        CaseError: For a vertex that is not finite.
+
+    Examples:
+        >>> triangle = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0]])
+        >>> vertices = np.stack([triangle, 2 * triangle, 3 * triangle])
+        >>> shapes = CorrespondedShapes(vertices, np.array([[0, 1, 2]]), ("a", "b", "c"), "b")
+        >>> shapes.template[1]
+        array([6., 0., 0.])
+        >>> shapes.subset([0, 2]).case_ids
+        ('a', 'c')
     """
 
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: Float[np.ndarray, "N V 3"]
+    faces: Int[np.ndarray, "F 3"]
     case_ids: tuple[str, ...]
     template_id: str
 
@@ -174,7 +236,7 @@ class CorrespondedShapes:
 
     @property
     def template(self) -> np.ndarray:
-        """(V, 3) mm: the template's own shape; the first case's where the template is left out."""
+        """`(V, 3)` mm, the template's own shape; the first case's if the template is left out."""
         in_cohort = self.template_id in self.case_ids
         result: np.ndarray = self.vertices[
             self.case_ids.index(self.template_id) if in_cohort else 0
@@ -182,14 +244,25 @@ class CorrespondedShapes:
         return result
 
     def subset(self, indices: Sequence[int] | np.ndarray) -> CorrespondedShapes:
-        """The cases at these places, in this order, on the same template."""
+        """Some of the cases, on the same template.
+
+        Args:
+            indices: The places of the cases, in the order of the result.
+
+        Returns:
+            The shapes of these cases.
+        """
         chosen = np.asarray(indices, dtype=np.int64)
         case_ids = tuple(self.case_ids[index] for index in chosen)
         return CorrespondedShapes(self.vertices[chosen], self.faces, case_ids, self.template_id)
 
 
 def refuse_doubled(case_ids: Sequence[str]) -> None:
-    """Raise StudyError where two cases have one id: what is theirs is looked up by it."""
+    """Refuse two cases with one id, because results are looked up by it.
+
+    Raises:
+        StudyError: For an id that occurs twice.
+    """
     if len(set(case_ids)) == len(case_ids):
         return
     case_id, times = Counter(case_ids).most_common(1)[0]
@@ -200,7 +273,7 @@ def refuse_doubled(case_ids: Sequence[str]) -> None:
 
 
 def _read_only(array: np.ndarray, kind: type) -> np.ndarray:
-    """A view that can't be written to; no copy. The caller's own array stays as it is."""
+    """A read-only view, without a copy. The caller's own array stays writeable."""
     view: np.ndarray = np.asarray(array, dtype=kind).view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""What is known of synthetic cases, and the tables that say how near one came."""
+"""The known truth of synthetic cases, and tables of scores."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
 
 from ssm_pipeline.geometry.similarity import Similarity
 
@@ -14,13 +15,16 @@ from ssm_pipeline.geometry.similarity import Similarity
 class PhantomTruth:
     """Exact correspondences and modes of a synthetic cohort.
 
-    vertices   (N, R, 3) mm: vertex r is the same anatomical point in all N cases.
-    faces      (R_f, 3) int, shared.
-    modes      (M, R, 3) displacement fields, one standard deviation each, mm.
-    scores     (N, M) in standard deviations, as drawn.
-    frames     per case, the rigid motion applied after deformation (identity as scanned).
-    labels     (R,) int anatomical label of each point, where the masks carry several.
-    seen       (N, R) bool: points that lie within the case's field of view; None: all.
+    Attributes:
+        vertices: `(N, R, 3)` mm. Vertex r is the same anatomical point in all N cases.
+        faces: `(R_f, 3)` int, shared.
+        mean: `(R, 3)` mm.
+        modes: `(M, R, 3)` displacement fields, one standard deviation each, mm.
+        scores: `(N, M)` in standard deviations, as drawn.
+        case_ids: The N cases.
+        frames: For each case, the rigid motion applied after deformation (identity as scanned).
+        labels: `(R,)` int, the anatomical label of each point, where the masks have several.
+        seen: `(N, R)` bool, the points within the case's field of view. None: all.
     """
 
     vertices: np.ndarray
@@ -38,37 +42,48 @@ class PhantomTruth:
 class KnownPair:
     """Two shapes of a set whose true correspondence is known at some points.
 
-    x, y        their numbers in the set.
-    on_x, on_y  (Q,) int: vertex on_x[q] of x and on_y[q] of y are the same point.
+    Attributes:
+        x: The number of the first shape in the set.
+        y: The number of the second shape in the set.
+        on_x: `(Q,)` int, vertices of x.
+        on_y: `(Q,)` int. Vertex on_x[q] of x and on_y[q] of y are the same point.
     """
 
     x: int
     y: int
-    on_x: np.ndarray
-    on_y: np.ndarray
+    on_x: Int[np.ndarray, " Q"]
+    on_y: Int[np.ndarray, " Q"]
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceLabels:
-    """To which labelled part of the organ each vertex of a case's mesh belongs.
+    """The labelled part of the organ that each vertex of a case's mesh belongs to.
 
-    values (L,) int, ascending: the labels; shares (V, L), rows summing to 1: how much of the organ
-    around a vertex has each label. A vertex belongs to the part of largest share.
+    A vertex belongs to the part with the largest share.
+
+    Attributes:
+        case_id: The case.
+        values: `(L,)` int, the labels, ascending.
+        shares: `(V, L)`, how much of the organ around a vertex has each label. Rows sum to 1.
     """
 
     case_id: str
-    values: np.ndarray
-    shares: np.ndarray
+    values: Int[np.ndarray, " L"]
+    shares: Float[np.ndarray, "V L"]
 
     @property
     def labels(self) -> np.ndarray:
-        """(V,) int."""
+        """`(V,)` int, the label of each vertex."""
         result: np.ndarray = self.values[self.shares.argmax(axis=1)]
         return result
 
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
-    """Tidy tables by name, units in the column names."""
+    """Tables of scores.
+
+    Attributes:
+        tables: Tidy tables by name. The names of their columns contain the units.
+    """
 
     tables: dict[str, pd.DataFrame] = field(default_factory=dict)

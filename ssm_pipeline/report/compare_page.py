@@ -23,10 +23,11 @@ def write_compare_page(
     is_synthetic: bool = False,
     settings: ReportSettings | None = None,
 ) -> None:
-    """Write the page of a comparison to `path` (.html), whole or not at all: the report's tab of
-    it alone, to be handed on.
+    """Write the page of a comparison to `path` (.html), whole or not at all: the report's tab of it
+    alone, to be handed on.
 
-    model  with the scores of the cases of `comparison.design`, in its order.
+    Args:
+        model: With the scores of the cases of `comparison.design`, in its order.
     """
     text = compare_html(comparison, model, study, is_synthetic, settings or ReportSettings())
     storage.write_text(path, text)

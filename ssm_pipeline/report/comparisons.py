@@ -60,8 +60,9 @@ def comparison_description(
 ) -> dict[str, Any]:
     """What the viewer reads of comparisons on one model; arrays go to `block`.
 
-    model  with the scores of the cases of each comparison's design, in its order.
-    names  case id → as shown.
+    Args:
+        model: With the scores of the cases of each comparison's design, in its order.
+        names: Case id → as shown.
     """
     modes = min(settings.modes, model.mode_count)
     for one in comparisons:

@@ -27,26 +27,28 @@ _NEEDED_COLUMNS = {
 class ReportContent:
     """One study's results, as the report stage hands them over.
 
-    aligned         the corresponded shapes in the model's frame, mm; case ids as in `model`.
-    frames          per case of `aligned`, from its own millimetres to the model's frame.
-    meshes          each case's own surface, already in the model's frame, mm.
-    paths           interpolations template → case, a few of them.
-    correspondence  case_id, surface_mm, hd95_mm, flipped_percent: the template carried onto the
-                    case, before any PCA. More columns are shown as they are.
-    metrics         tables by name: compactness (modes, share), generalisation (modes, case_id,
-                    chamfer_mm, … a row per held-out case), specificity (modes, chamfer_mm,
-                    chamfer_se_mm, …), comparison (a row per method). `method` separates curves.
-                    Missing tables are left out of the page, and said to be.
-    cohort          case_id and quality control columns, units in the names; `dropped` holds the
-                    reason for cases left out (empty otherwise), `warnings` any remarks.
-    stages          one mapping per stage: name, seconds, peak_memory_mb, cases_in, cases_out.
-    training        a row per step: step, total, one column per loss, and what was watched of the
-                    map (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
-    check           case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures
-                    case id → PNG. None, empty: not shown.
-    settings, versions   nested mappings of plain values, shown as they are.
+    Attributes:
+        aligned: The corresponded shapes in the model's frame, mm; case ids as in `model`.
+        frames: Per case of `aligned`, from its own millimetres to the model's frame.
+        meshes: Each case's own surface, already in the model's frame, mm.
+        paths: Interpolations template → case, a few of them.
+        correspondence: case_id, surface_mm, hd95_mm, flipped_percent: the template carried onto the
+            case, before any PCA. More columns are shown as they are.
+        metrics: Tables by name: compactness (modes, share), generalisation (modes, case_id,
+            chamfer_mm, … a row per held-out case), specificity (modes, chamfer_mm, chamfer_se_mm,
+            …), comparison (a row per method). `method` separates curves. Missing tables are left
+            out of the page, and said to be.
+        cohort: case_id and quality control columns, units in the names; `dropped` holds the reason
+            for cases left out (empty otherwise), `warnings` any remarks.
+        stages: One mapping per stage: name, seconds, peak_memory_mb, cases_in, cases_out.
+        training: A row per step: step, total, one column per loss, and what was watched of the map
+            (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
+        check: case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures case
+            id → PNG. None, empty: not shown.
+        settings, versions: Nested mappings of plain values, shown as they are.
 
-    Raises ValueError where the parts don't belong together.
+    Raises:
+        ValueError: Where the parts don't belong together.
     """
 
     study: str

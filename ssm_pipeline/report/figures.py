@@ -113,8 +113,13 @@ def curves(
 ) -> Figure:
     """Compactness, generalisation, specificity over the number of modes, a line per method.
 
-    distance  a column of the tables; by default the first of `DISTANCES` that they hold.
-    Bands are ± one standard error of the mean. Raises ValueError if no table is there.
+    Bands are ± one standard error of the mean.
+
+    Args:
+        distance: A column of the tables; by default the first of `DISTANCES` that they hold.
+
+    Raises:
+        ValueError: If no table is there.
     """
     distance = distance or next(iter(distances_in(metrics)), "surface_mm")
     found = quality_curves(metrics, distance)

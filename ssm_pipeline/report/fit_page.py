@@ -31,7 +31,8 @@ def write_fit_page(
 ) -> None:
     """Write the page of one or more fitted patients to `path` (.html), whole or not at all.
 
-    drawn  how many shapes of the model stood in for its cases, too few to judge by.
+    Args:
+        drawn: How many shapes of the model stood in for its cases, too few to judge by.
     """
     html = fit_html(fits, study, is_synthetic, settings or ReportSettings(), drawn)
     storage.write_text(path, html)

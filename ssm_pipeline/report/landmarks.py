@@ -29,7 +29,8 @@ class Landmarks:
 def landmarks_from_markups(content: Mapping[str, Any]) -> Landmarks:
     """Landmarks of a parsed Slicer `.mrk.json` file, in LPS whatever the file uses.
 
-    Raises ValueError if the file holds no point, or names another coordinate system.
+    Raises:
+        ValueError: If the file holds no point, or names another coordinate system.
     """
     names: list[str] = []
     positions: list[np.ndarray] = []
@@ -56,7 +57,9 @@ def carry_landmarks(
     """The same anatomical points on every corresponded shape.
 
     positions (L, 3) on or near the template; template (V, 3); shapes (N, V, 3); one unit for all.
-    Returns   (N, L, 3): each landmark keeps its triangle and its place inside it.
+
+    Returns:
+        (N, L, 3): each landmark keeps its triangle and its place inside it.
     """
     nearest = closest_points(positions, template, faces)
     return interpolated(shapes, faces[nearest.faces], nearest.barycentric)

@@ -26,7 +26,8 @@ class Cell:
 class ReadableTable:
     """headings; rows of cells; `is_number` per column, for alignment.
 
-    shared  (heading, value) of columns that say the same in every row; they are told below the
+    Attributes:
+        shared: (heading, value) of columns that say the same in every row; they are told below the
             table and take no room in it.
     """
 
@@ -53,8 +54,9 @@ def readable(
     """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error", and
     `x_low_unit` with `x_high_unit` as "value (low to high)".
 
-    names  case id → short name; the whole id stays with the cell.
-    keep   columns that stay even where they say the same in every row.
+    Args:
+        names: Case id → short name; the whole id stays with the cell.
+        keep: Columns that stay even where they say the same in every row.
     """
     names = names or {}
     errors = {name: partner for name in table if (partner := _beside(name, "se")) in table}

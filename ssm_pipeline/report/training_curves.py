@@ -25,8 +25,9 @@ _NOT_LOSSES = {"step", "schedule", "seconds", *(column for column, *_ in _WATCHE
 def training_charts(losses: pd.DataFrame | None) -> list[dict[str, Any]]:
     """Charts for the viewer: title, unit, whether the axis is logarithmic, and lines (name, x, y).
 
-    losses  a row per step: step, total, one column per term (NaN before a term begins), and those
-            of the watched map that were written. None: no chart.
+    Args:
+        losses: A row per step: step, total, one column per term (NaN before a term begins), and
+            those of the watched map that were written. None: no chart.
     """
     if losses is None or losses.empty:
         return []

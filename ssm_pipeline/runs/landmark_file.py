@@ -18,9 +18,13 @@ FARTHEST_SHARE = 0.05
 
 
 def read_landmarks(path: Path, setting: str = "report.landmarks") -> Landmarks:
-    """Landmarks of a Slicer `.mrk.json`. Raises StudyError if it is missing or unreadable.
+    """Landmarks of a Slicer `.mrk.json`.
 
-    setting  that names the file, for the message.
+    Args:
+        setting: That names the file, for the message.
+
+    Raises:
+        StudyError: If it is missing or unreadable.
     """
     advice = f"Save it from 3D Slicer's Markups as .mrk.json, or leave {setting} out."
     try:

@@ -25,8 +25,10 @@ if TYPE_CHECKING:  # at run time inside the functions: reading a finished run ne
 class TrainingJob:
     """One training: how, where its files lie, and where it tells of itself.
 
-    key    of all that it depends on: a checkpoint of other settings or other cases is never taken
-           up. label: its name on the terminal.
+    Attributes:
+        key: Of all that it depends on: a checkpoint of other settings or other cases is never taken
+            up.
+        label: Its name on the terminal.
     """
 
     settings: TrainingSettings

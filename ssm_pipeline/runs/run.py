@@ -110,7 +110,11 @@ class Run:
         return storage.load(Correspondence, path)
 
     def path(self, case_id: str) -> ShapePath:
-        """The interpolation template → case. Raises StudyError for a case without one."""
+        """The interpolation template → case.
+
+        Raises:
+            StudyError: For a case without one.
+        """
         return storage.load(ShapePath, self._file("correspondence", "paths", case_id, "path.npz"))
 
     @property
@@ -132,8 +136,11 @@ class Run:
 
     @property
     def comparisons(self) -> tuple[ShapeComparison, ...]:
-        """What `workflow compare` found of this model, by formula. Raises StudyError for files that
-        are damaged."""
+        """What `workflow compare` found of this model, by formula.
+
+        Raises:
+            StudyError: For files that are damaged.
+        """
         try:
             return tuple(
                 read_comparison(path.parent)
@@ -171,7 +178,11 @@ class Run:
         return result
 
     def _file(self, *parts: str) -> Path:
-        """A file of a stage. Raises StudyError if it is absent, or its stage was cut off."""
+        """A file of a stage.
+
+        Raises:
+            StudyError: If it is absent, or its stage was cut off.
+        """
         path = self.folder.joinpath(*parts)
         if len(parts) > 1 and not (self.folder / parts[0] / "stage.json").exists():
             raise StudyError(

@@ -18,7 +18,10 @@ def align(
 
     The mean keeps the template's orientation, so "up" stays up, and is centred at the origin.
     Without size, all are as large as they are on average, whichever of them is the template.
-    Returns the aligned shapes and, per case, the frame from its own millimetres to the model's.
+
+    Returns:
+        The aligned shapes and, per case, the frame from its own millimetres to the model's.
+
     Source: Gower 1975; Dryden and Mardia 1998, ch. 4.
     """
     points = shapes.vertices

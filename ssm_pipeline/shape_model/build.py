@@ -25,14 +25,15 @@ def build_model(shapes: CorrespondedShapes, with_scale: bool = False) -> ShapeMo
 
     Source: Cootes et al. 1995, "Active shape models: their training and application".
 
-    >>> import numpy as np
-    >>> corners = np.array([[0.0, 0, 0], [30, 0, 0], [0, 40, 0], [0, 0, 50]])
-    >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-    >>> vertices = np.stack([corners * size + 100 * size for size in (0.9, 1.0, 1.2)])
-    >>> shapes = CorrespondedShapes(vertices, faces, ("a", "b", "c"), template_id="b")
-    >>> model = build_model(shapes)
-    >>> model.modes_for(0.999)  # they differ in size alone, wherever they lie
-    1
+    Examples:
+        >>> import numpy as np
+        >>> corners = np.array([[0.0, 0, 0], [30, 0, 0], [0, 40, 0], [0, 0, 50]])
+        >>> faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+        >>> vertices = np.stack([corners * size + 100 * size for size in (0.9, 1.0, 1.2)])
+        >>> shapes = CorrespondedShapes(vertices, faces, ("a", "b", "c"), template_id="b")
+        >>> model = build_model(shapes)
+        >>> model.modes_for(0.999)  # they differ in size alone, wherever they lie
+        1
     """
     require_type(shapes, CorrespondedShapes, "shapes", "match_cohort returns them.")
     return pca_model(align(shapes, with_scale=with_scale)[0])

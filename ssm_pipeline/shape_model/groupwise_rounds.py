@@ -25,11 +25,12 @@ def groupwise_rounds(
 ) -> CorrespondedShapes:
     """The shapes after `settings.rounds` rounds of matching the mean, in the template's place.
 
-    shapes   each in its own millimetres.
-    meshes   of the cases that `match` matches, in its order.
-    match    (round from 1, case → (V, 3) mm start) → correspondences, of all cases or of some: the
-             others stay as they are.
-    mean_of  the cases that the means are made of; None: all.
+    Args:
+        shapes: Each in its own millimetres.
+        meshes: Of the cases that `match` matches, in its order.
+        match: (round from 1, case → (V, 3) mm start) → correspondences, of all cases or of some:
+            the others stay as they are.
+        mean_of: The cases that the means are made of; None: all.
     """
     for number in range(1, settings.rounds + 1):
         shapes, _ = groupwise_round(number, shapes, meshes, settings, match, mean_of)
@@ -59,12 +60,14 @@ def placed_means(
 ) -> dict[str, np.ndarray]:
     """Case → (V, 3) mm: the Procrustes mean, laid on the case by the best map of its points.
 
-    shapes   as matched, each in its own millimetres.
-    mean_of  the cases that the mean is made of; None: all. Others are laid on too.
-
     The mean of a cohort is nearer to each case than any single template is, and what one matching
     got wrong along the surface averages out of it: a template adapted anew from here slides less.
     Found with every point's match in hand, the map needs no search.
+
+    Args:
+        shapes: As matched, each in its own millimetres.
+        mean_of: The cases that the mean is made of; None: all. Others are laid on too.
+
     Source: the unbiased atlas of Joshi et al. 2004, on surfaces.
     """
     kept = [i for i, case in enumerate(shapes.case_ids) if mean_of is None or case in mean_of]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int, Shaped
 
 from ssm_pipeline import storage
 from ssm_pipeline.geometry.similarity import Similarity
@@ -19,32 +20,42 @@ LABELS = {"unit": np.array("mm"), "space": np.array("LPS"), "format_version": np
 
 @dataclass(frozen=True, eq=False)
 class ShapeModel:
-    """x = mean + Σ_m scores_m √variance_m mode_m, in millimetres (Cootes 1995).
+    """A mean shape and its modes of variation: x = mean + Σ_m scores_m √variance_m mode_m.
 
-    mean       (V, 3) mm LPS; faces (F, 3) int.
-    modes      (M, V, 3), orthonormal as vectors of 3V numbers.
-    variances  (M,) mm², divisor N − 1, descending.
-    scores     (N, M) the training cases in standard deviations; case_ids (N,). Both are empty
-               where the model is of no cohort: a posterior, or one read from a file without them.
-
-    Immutable: the arrays are copies that can't be written to. The words are scalismo's, but that
+    All arrays are read-only copies. The names of the methods are scalismo's, except that
     coefficients are called scores where a cohort is meant.
 
-    >>> model = ShapeModel(
-    ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3), variances=np.array([9, 4]),
-    ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((0, 2)), case_ids=(),
-    ... )
-    >>> model.reconstruct([1.0])[0]  # one standard deviation along the first mode, in mm
-    array([3., 0., 0.])
-    >>> model.coefficients(model.reconstruct([1.0, -2.0]))
-    array([ 1., -2.])
+    Attributes:
+        mean: `(V, 3)` mm LPS.
+        modes: `(M, V, 3)`, orthonormal as vectors of 3V numbers.
+        variances: `(M,)` mm², divisor N − 1, descending.
+        faces: `(F, 3)` int.
+        scores: `(N, M)` the training cases in standard deviations. Empty for a model without cases,
+            such as a posterior or a model from a file without them.
+        case_ids: The N training cases, or none.
+
+    Raises:
+        ValueError: For arrays whose shapes do not fit each other.
+
+    Source: Cootes et al. 1995, "Active shape models: their training and application".
+
+    Examples:
+        >>> model = ShapeModel(
+        ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3),
+        ...     variances=np.array([9, 4]),
+        ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((0, 2)), case_ids=(),
+        ... )
+        >>> model.reconstruct([1.0])[0]  # one standard deviation along the first mode, in mm
+        array([3., 0., 0.])
+        >>> model.coefficients(model.reconstruct([1.0, -2.0]))
+        array([ 1., -2.])
     """
 
-    mean: np.ndarray
-    modes: np.ndarray
-    variances: np.ndarray
-    faces: np.ndarray
-    scores: np.ndarray
+    mean: Float[np.ndarray, "V 3"]
+    modes: Float[np.ndarray, "M V 3"]
+    variances: Shaped[np.ndarray, " M"]
+    faces: Int[np.ndarray, "F 3"]
+    scores: Float[np.ndarray, "N M"]
     case_ids: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -65,34 +76,55 @@ class ShapeModel:
 
     @property
     def mode_count(self) -> int:
+        """The number of modes M."""
         return len(self.variances)
 
     @property
     def standard_deviations(self) -> np.ndarray:
-        """(M,) mm."""
+        """`(M,)` mm, the standard deviation of each mode."""
         result: np.ndarray = np.sqrt(self.variances)
         return result
 
     @property
     def compactness(self) -> np.ndarray:
-        """(M,) share of the total variance in the first m modes (Davies 2002)."""
+        """`(M,)` the share of the total variance in the first m modes (Davies 2002)."""
         result: np.ndarray = np.cumsum(self.variances) / self.variances.sum()
         return result
 
     @property
     def vertex_covariances(self) -> np.ndarray:
-        """(V, 3, 3) mm²: how each vertex varies over the model's shapes."""
+        """`(V, 3, 3)` mm², the covariance of each vertex over the model's shapes."""
         result: np.ndarray = np.einsum("m,mvd,mve->vde", self.variances, self.modes, self.modes)
         return result
 
     def modes_for(self, share: float) -> int:
-        """The smallest number of modes that holds `share` (0 … 1) of the variance."""
+        """The smallest number of modes that holds a share of the variance.
+
+        Args:
+            share: The share, 0 … 1.
+
+        Returns:
+            The number of modes.
+
+        Raises:
+            ValueError: For a share outside 0 … 1.
+        """
         if not 0 <= share <= 1:
             raise ValueError(f"share is {share}; 0 … 1 is needed, as 0.9 for 90 %")
         return int(np.searchsorted(self.compactness, share - 1e-12) + 1)
 
     def reconstruct(self, scores: np.ndarray) -> np.ndarray:
-        """Shapes from scores: (…, m) standard deviations, m ≤ M → (…, V, 3) mm."""
+        """Shapes from scores.
+
+        Args:
+            scores: `(…, m)` standard deviations, m ≤ M. The other scores are 0.
+
+        Returns:
+            `(…, V, 3)` mm.
+
+        Raises:
+            ValueError: For more scores than modes.
+        """
         scores = np.asarray(scores, dtype=np.float64)
         count = scores.shape[-1]
         if count > self.mode_count:
@@ -100,13 +132,19 @@ class ShapeModel:
         weights = scores * self.standard_deviations[:count]
         return self.mean + np.tensordot(weights, self.modes[:count], axes=1)
 
-    instance = reconstruct  # as scalismo calls it
+    instance = reconstruct  # scalismo's name
 
     def coefficients(self, points: np.ndarray) -> np.ndarray:
-        """Scores of corresponding, aligned points (…, V, 3) mm: (…, M) standard deviations.
+        """Scores of corresponding, aligned points. To fit a surface, use `ssm_pipeline.fit`.
 
-        Exact for an instance of the model; of other shapes, the scores of the nearest instance.
-        To fit the model to a surface, use `ssm_pipeline.fit`.
+        Args:
+            points: `(…, V, 3)` mm, in correspondence with the mean and in its frame.
+
+        Returns:
+            `(…, M)` standard deviations; for a shape that no scores give, those of the nearest.
+
+        Raises:
+            ValueError: For another number of points.
         """
         flat = (self._corresponding(points) - self.mean).reshape(*np.shape(points)[:-2], -1)
         result: np.ndarray = (
@@ -115,13 +153,27 @@ class ShapeModel:
         return result
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """The nearest shape that the model can take, (…, V, 3) mm, to corresponding, aligned points
-        (…, V, 3)."""
+        """The nearest shape that the model can take.
+
+        Args:
+            points: `(…, V, 3)` mm, in correspondence with the mean and in its frame.
+
+        Returns:
+            `(…, V, 3)` mm.
+        """
         return self.reconstruct(self.coefficients(points))
 
     def log_pdf(self, scores: np.ndarray) -> np.ndarray:
-        """(…,) log density of scores (…, M): the standard normal's, as all modes have variance 1
-        there. Differences of it compare two shapes; its value alone means little.
+        """The log density of scores, which are standard normal.
+
+        Args:
+            scores: `(…, M)` standard deviations.
+
+        Returns:
+            `(…,)`. Its differences compare two shapes; its value alone means little.
+
+        Raises:
+            ValueError: For another number of scores.
         """
         scores = np.asarray(scores, dtype=np.float64)
         if scores.shape[-1] != self.mode_count:
@@ -130,11 +182,29 @@ class ShapeModel:
         return result
 
     def sample(self, count: int, generator: np.random.Generator) -> np.ndarray:
-        """(count, V, 3) mm: independent draws from the model's normal distribution."""
+        """Independent draws from the model's normal distribution.
+
+        Args:
+            count: The number of shapes.
+            generator: The source of the draws.
+
+        Returns:
+            `(count, V, 3)` mm.
+        """
         return self.reconstruct(generator.standard_normal((count, self.mode_count)))
 
     def truncate(self, mode_count: int) -> ShapeModel:
-        """The model of the first modes only. Raises ValueError outside 1 … M."""
+        """The model with its first modes only.
+
+        Args:
+            mode_count: 1 … M.
+
+        Returns:
+            The smaller model.
+
+        Raises:
+            ValueError: For a number outside 1 … M.
+        """
         if not 1 <= mode_count <= self.mode_count:
             raise ValueError(f"{mode_count} modes asked of a model with {self.mode_count}")
         return dataclasses.replace(
@@ -145,11 +215,16 @@ class ShapeModel:
         )
 
     def marginal(self, vertices: np.ndarray) -> ShapeModel:
-        """The model of some vertices (K,) int, in their order, all others left open.
+        """The model of some vertices.
 
-        Its covariance is that part of the whole model's; its modes are orthonormal on these
-        vertices, so they and the scores are other ones than the whole model's. Faces with all
-        corners kept stay.
+        Its covariance is that part of the whole model's covariance. Its modes are orthonormal on
+        these vertices, so they and the scores differ from those of the whole model.
+
+        Args:
+            vertices: `(K,)` int, in the order of the result.
+
+        Returns:
+            The model of K vertices, with the faces whose three corners are kept.
         """
         spread = (self.standard_deviations[:, None, None] * self.modes)[:, vertices]
         U, singular, Vt = _svd_of_rows(spread.reshape(self.mode_count, -1))
@@ -163,12 +238,20 @@ class ShapeModel:
         )
 
     def posterior(self, vertices: np.ndarray, points: np.ndarray, noise_mm: float) -> ShapeModel:
-        """The model of all shapes that have these vertices near these points: the conditional.
+        """The model of the shapes that have some vertices near observed points.
 
-        vertices  (K,) int; points (K, 3) mm in the model's frame: where they were seen.
-        noise_mm  standard deviation of each coordinate of each point, independent.
-        Its mean is the most probable shape, its `vertex_covariances` what is still open.
-        Raises ValueError unless noise_mm > 0 and the points are as many as the vertices.
+        Args:
+            vertices: `(K,)` int.
+            points: `(K, 3)` mm in the model's frame, the observed points.
+            noise_mm: Standard deviation of each coordinate of each point, independent.
+
+        Returns:
+            A model whose mean is the most probable shape, and whose `vertex_covariances` say what
+            is still uncertain.
+
+        Raises:
+            ValueError: For noise_mm ≤ 0, or another number of points than vertices.
+
         Source: Albrecht et al. 2013, "Posterior shape models".
         """
         points = np.asarray(points, dtype=np.float64)
@@ -184,8 +267,15 @@ class ShapeModel:
         return self.conditioned(expected, np.linalg.inv(precision))
 
     def conditioned(self, scores: np.ndarray, covariance: np.ndarray) -> ShapeModel:
-        """The model whose scores are not standard normal, but of this mean (M,) and covariance
-        (M, M), in standard deviations of this model: what an observation leaves open."""
+        """The model whose scores have another mean and covariance, as after an observation.
+
+        Args:
+            scores: `(M,)` the mean, in standard deviations of this model.
+            covariance: `(M, M)`, in the same unit.
+
+        Returns:
+            The conditional model, without cases.
+        """
         variances, axes = np.linalg.eigh(
             self.standard_deviations[:, None] * covariance * self.standard_deviations
         )
@@ -203,14 +293,24 @@ class ShapeModel:
         """Write the model to an `.npz`, which `load_model` and any NumPy read.
 
         It holds mean (V, 3) mm, modes (M, V, 3), variances (M,) mm², faces (F, 3), scores (N, M) in
-        standard deviations, case_ids (N,), unit, space and format_version; nothing is pickled.
+        standard deviations, case_ids (N,), unit, space and format_version. Nothing is pickled.
+
+        Args:
+            path: The file, such as `liver.npz`.
         """
         arrays = {name: getattr(self, name) for name in ARRAYS}
         arrays |= {"case_ids": np.array(self.case_ids, dtype=np.str_), **LABELS}
         storage.save_arrays(arrays, Path(path))
 
     def transform(self, frame: Similarity) -> ShapeModel:
-        """The same model in another frame; a scale scales the standard deviations."""
+        """The same model in another frame.
+
+        Args:
+            frame: Maps this model's frame to the other. A scale scales the standard deviations.
+
+        Returns:
+            The model in the other frame.
+        """
         return dataclasses.replace(
             self,
             mean=frame.apply(self.mean),
@@ -241,13 +341,15 @@ def load_model(path: str | Path) -> ShapeModel:
         TypeError: For anything but one path.
         DamagedFile: For a file that is missing, damaged, or no model in millimetres LPS.
 
-    >>> model = ShapeModel(
-    ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3), variances=np.array([9, 4]),
-    ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((1, 2)), case_ids=("liver_7",),
-    ... )
-    >>> model.save("liver.npz")
-    >>> load_model("liver.npz").standard_deviations
-    array([3., 2.])
+    Examples:
+        >>> model = ShapeModel(
+        ...     mean=np.zeros((3, 3)), modes=np.eye(9)[:2].reshape(2, 3, 3),
+        ...     variances=np.array([9, 4]),
+        ...     faces=np.array([[0, 1, 2]]), scores=np.zeros((1, 2)), case_ids=("liver_7",),
+        ... )
+        >>> model.save("liver.npz")
+        >>> load_model("liver.npz").standard_deviations
+        array([3., 2.])
     """
     require_type(path, (str, Path), "path")
     arrays = storage.load_arrays(Path(path))

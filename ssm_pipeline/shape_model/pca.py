@@ -15,8 +15,11 @@ def pca_model(shapes: CorrespondedShapes) -> ShapeModel:
 
     By the smaller side of the centred N × 3V data: its singular values, or, of thousands of cases
     and fewer coordinates, the eigenvalues of their covariance, added up a block of cases at a time.
-    Each mode's sign is fixed (its largest displacement points towards +), so that a rerun shows
-    the same pictures. Raises StudyError for fewer than three shapes, or where all are equal.
+    Each mode's sign is fixed (its largest displacement points towards +), so that a rerun shows the
+    same pictures.
+
+    Raises:
+        StudyError: For fewer than three shapes, or where all are equal.
     """
     count, vertex_count, _ = shapes.vertices.shape
     if count < 3:

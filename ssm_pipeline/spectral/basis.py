@@ -38,13 +38,14 @@ def spectral_basis(mesh: Mesh, settings: SpectralSettings | int | None = None) -
 
     Source: Sharp and Crane 2020, "A Laplacian for nonmanifold triangle meshes".
 
-    >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(3, radius=40)
-    >>> basis = spectral_basis(Mesh(ball.vertices, ball.faces, "ball"))
-    >>> basis.eigenvectors.shape
-    (642, 200)
-    >>> round(float(basis.eigenvalues[1] / (8 * np.pi)), 1)  # l (l + 1) / r², at unit area
-    1.0
+    Examples:
+        >>> import trimesh
+        >>> ball = trimesh.creation.icosphere(3, radius=40)
+        >>> basis = spectral_basis(Mesh(ball.vertices, ball.faces, "ball"))
+        >>> basis.eigenvectors.shape
+        (642, 200)
+        >>> round(float(basis.eigenvalues[1] / (8 * np.pi)), 1)  # l (l + 1) / r², at unit area
+        1.0
     """
     require_type(mesh, Mesh, "mesh", "Read a file with read_mesh.")
     require_type(settings, (SpectralSettings, int, type(None)), "settings")

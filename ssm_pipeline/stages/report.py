@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
 
 def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
-    """Its settings, and what the landmark file holds. Raises StudyError if it can't be read."""
+    """Its settings, and what the landmark file holds.
+
+    Raises:
+        StudyError: If it can't be read.
+    """
     path = settings.report.landmarks
     if path is None:
         return {"report": settings.report}

@@ -65,10 +65,11 @@ def compare(
 ) -> ShapeComparison:
     """Test every term of a design on the model's scores, and every column on each vertex.
 
-    vertices  (N, V, 3) mm: the model's cases, aligned, in the design's order.
-    mode_count  None: as many as hold 90 % of the variance, at most a third of the cases that the
-                design leaves. Raises StudyError for more than the cases carry.
-    draws     of the bootstrap.
+    Args:
+        vertices: (N, V, 3) mm: the model's cases, aligned, in the design's order.
+        mode_count: None: as many as hold 90 % of the variance, at most a third of the cases that
+            the design leaves. Raises StudyError for more than the cases carry.
+        draws: Of the bootstrap.
     """
     matrix = design.matrix
     mode_count = modes_carried(model, matrix, mode_count)
@@ -131,7 +132,11 @@ def compare(
 
 
 def modes_carried(model: ShapeModel, matrix: np.ndarray, wanted: int | None = None) -> int:
-    """How many leading modes are tested together. Raises StudyError for more than is carried."""
+    """How many leading modes are tested together.
+
+    Raises:
+        StudyError: For more than is carried.
+    """
     left = len(matrix) - matrix.shape[1]
     most = min(left // CASES_PER_MODE, model.mode_count)
     if most < 1:

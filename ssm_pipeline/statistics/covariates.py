@@ -48,8 +48,9 @@ class Design:
 def matched_to_cases(table: pd.DataFrame, case_ids: Sequence[str]) -> pd.DataFrame:
     """The table's rows in the order of the cases, ids as text in a first column case_id.
 
-    Raises StudyError for a table without ids, and for ids that are unknown, missing or doubled:
-    rows are never left out, nor cases, unless the user leaves them out.
+    Raises:
+        StudyError: For a table without ids, and for ids that are unknown, missing or doubled: rows
+            are never left out, nor cases, unless the user leaves them out.
     """
     found = [name for name in ID_COLUMNS if name in table]
     if not found:
@@ -83,10 +84,13 @@ def matched_to_cases(table: pd.DataFrame, case_ids: Sequence[str]) -> pd.DataFra
 def design_of(formula: str, covariates: pd.DataFrame) -> Design:
     """The design of a formula such as "~ sex + age" (Wilkinson's notation).
 
-    covariates  as `matched_to_cases` returns them.
-    Raises StudyError for a formula that can't be read, or names no column; for a covariate that is
-    constant, has empty cells or a group of fewer than three; for columns that say the same; and
-    for more columns than the cases carry, with the number that they do.
+    Args:
+        covariates: As `matched_to_cases` returns them.
+
+    Raises:
+        StudyError: For a formula that can't be read, or names no column; for a covariate that is
+            constant, has empty cells or a group of fewer than three; for columns that say the same;
+            and for more columns than the cases carry, with the number that they do.
     """
     import formulaic
     from formulaic.errors import FormulaicError

@@ -19,8 +19,9 @@ def power(
     """The chance to find an effect of one column at a level, by the F test that Hotelling's T²
     follows for normal scores.
 
-    effect_sd  how far one step of the column moves the shape, in standard deviations of what the
-               other columns leave (Mahalanobis), in any direction of the `modes` tested.
+    Args:
+        effect_sd: How far one step of the column moves the shape, in standard deviations of what
+            the other columns leave (Mahalanobis), in any direction of the `modes` tested.
 
     >>> design = np.column_stack([np.ones(40), np.repeat([0.0, 1.0], 20)])
     >>> round(power(0.0, design, 1, 3), 6), power(1.5, design, 1, 3) > 0.95

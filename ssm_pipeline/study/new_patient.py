@@ -18,10 +18,11 @@ from ssm_pipeline.study.sources import DataSettings, Luna16Data, MaskFolderData,
 class HowToRead:
     """What is other about a patient's file than about the study's own.
 
-    labels    of the organ: another program's numbers, or the other side.
-    segments  its names, in a .seg.nrrd or DICOM SEG.
-    unit      of a surface.
-    mirror    reflected left to right, as a study with data.mirror does with one of the sides.
+    Attributes:
+        labels: Of the organ: another program's numbers, or the other side.
+        segments: Its names, in a .seg.nrrd or DICOM SEG.
+        unit: Of a surface.
+        mirror: Reflected left to right, as a study with data.mirror does with one of the sides.
     """
 
     labels: tuple[int, ...] = ()
@@ -36,8 +37,9 @@ AS_THE_STUDY = HowToRead()
 def read_patient(path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY) -> Mask | Surface:
     """A mask with the study's labels or segments selected, or a surface as it is, in millimetres.
 
-    Raises  CaseError for a file that can't be read or lacks the organ; StudyError where the study
-            does not say which labels a mask should have.
+    Raises:
+        CaseError: For a file that can't be read or lacks the organ.
+        StudyError: Where the study does not say which labels a mask should have.
     """
     patient = _read(path, data, how)
     if how.mirror:
@@ -48,8 +50,11 @@ def read_patient(path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY) 
 
 
 def labels_of(data: DataSettings) -> tuple[int, ...]:
-    """The labels that a study's cases have in their masks. Raises StudyError where it has none, or
-    two organs in one mask."""
+    """The labels that a study's cases have in their masks.
+
+    Raises:
+        StudyError: Where it has none, or two organs in one mask.
+    """
     if isinstance(data, Luna16Data) and data.side != "both":
         from ssm_pipeline.data_prep.cohorts import luna16
 

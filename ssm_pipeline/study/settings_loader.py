@@ -15,7 +15,11 @@ DEEPEST = 50  # sections within sections; a hundred thousand brackets would end 
 
 
 class SettingsLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-    """PyYAML's safe loader with the scalars of YAML 1.2. Raises YAMLError for a repeated key."""
+    """PyYAML's safe loader with the scalars of YAML 1.2.
+
+    Raises:
+        YAMLError: For a repeated key.
+    """
 
     depth = 0
 

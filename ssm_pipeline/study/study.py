@@ -52,7 +52,11 @@ def study_paths() -> dict[str, Path]:
 
 
 def find_study(name: str) -> Path:
-    """The YAML of a study's name, or the path itself. Raises StudyError, naming the nearest."""
+    """The YAML of a study's name, or the path itself.
+
+    Raises:
+        StudyError: Naming the nearest.
+    """
     if name.endswith((".yaml", ".yml")):
         if not Path(name).is_file():
             raise StudyError(f"there is no file {name}. Give a study's name or its YAML.")
@@ -69,7 +73,8 @@ def find_study(name: str) -> Path:
 def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ()) -> Study:
     """Read a study by name or path, with masks from `data` and `--set` changes (`a.b=value`).
 
-    Raises StudyError for an unknown study or key, a value out of range, or cases not given.
+    Raises:
+        StudyError: For an unknown study or key, a value out of range, or cases not given.
     """
     path = find_study(name)
     content = read_yaml(path)

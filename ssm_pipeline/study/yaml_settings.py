@@ -19,7 +19,11 @@ Kind = TypeVar("Kind", bound=Settings)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """A file's settings. Raises StudyError for one that is no YAML or gives a key twice."""
+    """A file's settings.
+
+    Raises:
+        StudyError: For one that is no YAML or gives a key twice.
+    """
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=SettingsLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -51,7 +55,11 @@ def parse_change(change: str) -> dict[str, Any]:
 
 
 def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:
-    """Each of them by `parse_change`. Raises StudyError where two change the same setting."""
+    """Each of them by `parse_change`.
+
+    Raises:
+        StudyError: Where two change the same setting.
+    """
     keys = [changed_key(change) for change in changes]
     if twice := next((key for key in keys if keys.count(key) > 1), None):
         raise StudyError(f"--set {twice} is given twice; give each setting once.")
@@ -72,7 +80,11 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind:
-    """Settings of a class from a file's content. Raises StudyError, a line a problem."""
+    """Settings of a class from a file's content.
+
+    Raises:
+        StudyError: A line a problem.
+    """
     try:
         return kind.model_validate(content)
     except ValidationError as error:

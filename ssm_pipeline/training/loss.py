@@ -21,7 +21,9 @@ def pair_loss(
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor], MatchedPair]:
     """Total loss of a pair, its weighted terms by name, and the pair as matched.
 
-    intervals  T, the number of steps between X and X(1).
+    Args:
+        intervals: T, the number of steps between X and X(1).
+
     Source: Cao et al. 2024, Eq. 14.
     """
     features_x, features_y = networks.features(shape_x), networks.features(shape_y)

@@ -179,14 +179,15 @@ def load_matcher(path: str | Path, device: str = "cpu") -> Matcher:
         DamagedFile: For a file that is missing, damaged, or does not hold a complete matcher.
         StudyError: For a matcher that was trained on other inputs than this version computes.
 
-    >>> import trimesh
-    >>> from ssm_pipeline import Mesh, train
-    >>> ball = trimesh.creation.icosphere(3)
-    >>> meshes = [Mesh(ball.vertices * [30, 40, z], ball.faces, f"case_{z}") for z in (45, 55)]
-    >>> matcher = train(meshes, steps=1, device="cpu")
-    >>> matcher.save("liver.pt")
-    >>> load_matcher("liver.pt").trained_on
-    ('case_45', 'case_55')
+    Examples:
+        >>> import trimesh
+        >>> from ssm_pipeline import Mesh, train
+        >>> ball = trimesh.creation.icosphere(3)
+        >>> meshes = [Mesh(ball.vertices * [30, 40, z], ball.faces, f"case_{z}") for z in (45, 55)]
+        >>> matcher = train(meshes, steps=1, device="cpu")
+        >>> matcher.save("liver.pt")
+        >>> load_matcher("liver.pt").trained_on
+        ('case_45', 'case_55')
     """
     require_type(path, (str, Path), "path")
     path = Path(path)

@@ -15,8 +15,9 @@ def starting_weights(
 ) -> Matcher | None:
     """The matcher that `settings.start` names; None for fresh weights.
 
-    Raises StudyError where its networks are of another size or read other inputs than `settings`
-    and `bases` say.
+    Raises:
+        StudyError: Where its networks are of another size or read other inputs than `settings` and
+            `bases` say.
     """
     path = settings.start_file
     if path is None:

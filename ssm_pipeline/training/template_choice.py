@@ -19,9 +19,12 @@ from ssm_pipeline.training.partners import partner_pairs
 def choose_template(matcher: Matcher, bases: Sequence[SpectralBasis]) -> tuple[str, pd.DataFrame]:
     """The training shape whose mean loss to the others is smallest.
 
-    Each candidate is tried on `template_pairs` partners (`partner_pairs`). Returns its case id and
-    a table (case_id, mean_loss, map_extent): the last, the extent of the soft maps between the case
-    and its partners over the target's own, is near 0 where the matcher has collapsed.
+    Each candidate is tried on `template_pairs` partners (`partner_pairs`).
+
+    Returns:
+        Its case id and a table (case_id, mean_loss, map_extent): the last, the extent of the soft
+        maps between the case and its partners over the target's own, is near 0 where the matcher
+        has collapsed.
     """
     shapes = [matcher.shape(basis) for basis in bases]
     losses: list[list[float]] = [[] for _ in shapes]

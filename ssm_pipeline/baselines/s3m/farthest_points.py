@@ -9,7 +9,11 @@ def farthest_points(points: np.ndarray, count: int, first: int | None = None) ->
     """Indices (count,) of points (V, 3), each the farthest from all taken before it.
 
     Starts at `first`, or at the point farthest from the centroid, which does not depend on the
-    order of the points. Raises ValueError if there are fewer points than asked for.
+    order of the points.
+
+    Raises:
+        ValueError: If there are fewer points than asked for.
+
     Source: Eldar et al. 1997.
     """
     if not 1 <= count <= len(points):

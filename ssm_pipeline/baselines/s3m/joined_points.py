@@ -17,9 +17,16 @@ from ssm_pipeline.records import Mesh
 def joining_faces(mesh: Mesh, points: np.ndarray) -> np.ndarray:
     """Triangles (F, 3) between vertices of a mesh: the dual of their geodesic Voronoi cells.
 
-    points  (n,) int, the vertices kept. Every vertex of the mesh belongs to the nearest kept one;
     a triangle of the mesh that meets three cells joins their three points, in its orientation.
-    Returns indices into `points`. Source: Peyré and Cohen 2006, geodesic remeshing.
+
+    Args:
+        points: (n,) int, the vertices kept. Every vertex of the mesh belongs to the nearest kept
+            one.
+
+    Returns:
+        Indices into `points`.
+
+    Source: Peyré and Cohen 2006, geodesic remeshing.
     """
     edges = directed_edges(mesh.faces)
     lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)

@@ -10,10 +10,12 @@ from scipy.spatial import cKDTree
 def functional_maps(coefficients_x: torch.Tensor, coefficients_y: torch.Tensor) -> torch.Tensor:
     """C_xy = argmin ‖C A − B‖², for a batch of pairs.
 
-    coefficients_x (…, k, d) descriptors of X in its eigenfunctions (A); coefficients_y of Y (B).
-    Returns        (…, k, k).
-    By Cholesky of the normal equations in float64: in float32 the squared condition number of
-    hardly trained descriptors leaves no digit.
+    coefficients_x (…, k, d) descriptors of X in its eigenfunctions (A); coefficients_y of Y (B). By
+    Cholesky of the normal equations in float64: in float32 the squared condition number of hardly
+    trained descriptors leaves no digit.
+
+    Returns:
+        (…, k, k).
     """
     A, B = coefficients_x.double(), coefficients_y.double()
     gram = A @ A.mT

@@ -41,11 +41,16 @@ def pair_losses(
 ) -> torch.Tensor:
     """The loss of each ordered pair (x, y) in one direction.
 
-    C           (…, k, k) maps from shape x to shape y; C_back (…, k, k) from y to x.
-    eigenvalues (…, k) of x and of y; operators (…, p, k, k); all broadcast against each other.
-    Returns     (…). A pair's loss in the paper is this plus the same with x and y exchanged.
-    Each term is a mean over a matrix's entries. Source: Bastian et al. 2023, Eq. 2 to 5; Roufosse
-    et al. 2019.
+    eigenvalues (…, k) of x and of y; operators (…, p, k, k); all broadcast against each other. Each
+    term is a mean over a matrix's entries.
+
+    Args:
+        C: (…, k, k) maps from shape x to shape y; C_back (…, k, k) from y to x.
+
+    Returns:
+        (…). A pair's loss in the paper is this plus the same with x and y exchanged.
+
+    Source: Bastian et al. 2023, Eq. 2 to 5; Roufosse et al. 2019.
     """
     one = torch.eye(C.shape[-1], dtype=C.dtype, device=C.device)
     bijectivity = _mean_square(C_back @ C - one)

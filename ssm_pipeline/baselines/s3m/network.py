@@ -15,9 +15,11 @@ from torch import nn
 class Graph:
     """A kNN graph as lists of its edges, by receiving and by sending point.
 
-    senders   (n · k,): the k points whose values point 0 receives, then those of point 1, …
     receivers (n · k,): the points that point 0 sends to, then those of point 1, …, where those of
               point i start at starts[i] (n,).
+
+    Attributes:
+        senders: (n · k,): the k points whose values point 0 receives, then those of point 1, ….
     """
 
     neighbours: int

@@ -11,9 +11,10 @@ def filtered_bijection(
 ) -> np.ndarray:
     """The bijection y_to_x (n,) nearest to the given matches in the Gaussian-kernel density.
 
-    y_to_x      (n,) int, any map of Y's points to X's.
-    geodesic_x  (n, n) distances on X, geodesic_y on Y, in standard deviations
-                of the kernel.
+    Args:
+        y_to_x: (n,) int, any map of Y's points to X's.
+        geodesic_x: (n, n) distances on X, geodesic_y on Y, in standard deviations of the kernel.
+
     Source: Vestner et al. 2017, Eq. 8, one iteration.
     """
     if geodesic_x.shape != geodesic_y.shape:

@@ -49,9 +49,11 @@ Progress = Callable[[str, int, int], None]  # what is being done, how many done,
 class S3MMatch:
     """What S3M leaves.
 
-    points          vertices (N, n, 3) mm, each case's own vertices in its own space, in the order
-                    of the template's sample, joined by the faces of `surface.joining_faces`.
     template_losses (N,) each case's mean loss to all others; the lowest is the reference.
+
+    Attributes:
+        points: Vertices (N, n, 3) mm, each case's own vertices in its own space, in the order of
+            the template's sample, joined by the faces of `surface.joining_faces`.
     """
 
     points: CorrespondedShapes
@@ -73,8 +75,9 @@ def train_s3m(
 ) -> S3MCheckpoint:
     """Train S3M's network on the meshes, from a checkpoint where there is one.
 
-    Raises StudyError for fewer than two meshes, CaseError for a mesh with fewer vertices than the
-    points asked for.
+    Raises:
+        StudyError: For fewer than two meshes.
+        CaseError: For a mesh with fewer vertices than the points asked for.
     """
     inputs = _inputs(meshes, settings)
     generator = np.random.default_rng(seed)
@@ -105,9 +108,11 @@ def match_s3m(
 ) -> S3MMatch:
     """Put the meshes into correspondence by a trained network.
 
-    seen  the cases that the reference is chosen among; None: all.
-    jobs  processes, a case each at a time; the result does not depend on it.
     Raises as `train_s3m`, and CaseError for a mesh that is not in one piece.
+
+    Args:
+        seen: The cases that the reference is chosen among; None: all.
+        jobs: Processes, a case each at a time; the result does not depend on it.
     """
     inputs = _inputs(meshes, settings)
     network = new_network(settings, seed)
@@ -170,8 +175,9 @@ def _all_maps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N, N, k, k) maps from the first to the second shape; (N,) each shape's mean loss.
 
-    chosen  the descriptors that the preservation term looks at; among (N,) bool: the shapes that
-            the mean is over.
+    Args:
+        chosen: The descriptors that the preservation term looks at; among (N,) bool: the shapes
+            that the mean is over.
     """
     features = [descriptors(network, [sample])[0] for sample in samples]
     coefficients = torch.stack(

@@ -26,8 +26,10 @@ class Spectrum:
 def spectrum(mesh: Mesh, count: int) -> Spectrum:
     """The `count` smallest eigenpairs of the mesh's robust Laplacian.
 
-    Source: Sharp and Crane 2020 (tufted cover, intrinsic Delaunay). Raises CaseError if the mesh
-    has too few vertices for so many.
+    Raises:
+        CaseError: If the mesh has too few vertices for so many.
+
+    Source: Sharp and Crane 2020 (tufted cover, intrinsic Delaunay).
     """
     if len(mesh.vertices) <= count + 1:
         raise CaseError(
