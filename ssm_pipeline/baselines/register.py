@@ -36,12 +36,18 @@ def register(
 ) -> Correspondence:
     """Match a template to a case.
 
-    affine nearest  affine alignment, nearest point
-    nricp           non-rigid iterative closest points
-    cpd             coherent point drift
-    start  (V, 3) mm, a shape on the template's faces already laid on the case, such as a cohort's
-           mean; None: the template by `rigid_start`, as for every other row of a table.
-    seed   of what is drawn.
+    Args:
+        template: The template's mesh.
+        case: The case's mesh.
+        registration: "affine nearest" (affine alignment, nearest point), "nricp" (non-rigid
+            iterative closest points) or "cpd" (coherent point drift).
+        settings: The settings of the registrations.
+        start: `(V, 3)` mm, a shape on the template's faces already placed on the case, such as a
+            cohort's mean. None: the template by `rigid_start`, as in every other row of a table.
+        seed: Decides the points that are drawn.
+
+    Returns:
+        The correspondence.
     """
     if start is None:
         start = rigid_start(template, case, seed).apply(template.vertices)

@@ -1,4 +1,4 @@
-"""How sharp a soft map is, watched while it trains: the loss of a collapsed one looks fine."""
+"""How sharp a soft map is. The loss does not show it: that of a collapsed map looks good."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from ssm_pipeline.matching.shape import Shape
 
 @dataclass(frozen=True)
 class MapHealth:
-    """extent       spread of Π_xy Y over Y's own: 1 for a sharp map, 0 where all is averaged.
-    sharpness    mean over rows of the largest entry of Π_xy; 1 / n_y for a uniform map.
-    mean_cosine  of the features of two points of X, drawn at random: 1 where all are the same.
-    share_hit    of Y's vertices, that are the nearest feature of some vertex of X.
+    """Four numbers that tell a sharp soft map from a collapsed one.
+
+    Attributes:
+        extent: Spread of Π_xy Y over the spread of Y: 1 for a sharp map, 0 where all is averaged.
+        sharpness: Mean over rows of the largest entry of Π_xy; 1 / n_y for a uniform map.
+        mean_cosine: Cosine of the features of two random points of X: 1 where all are the same.
+        share_hit: Share of Y's vertices that are the nearest feature of some vertex of X.
     """
 
     extent: float
