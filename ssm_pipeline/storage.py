@@ -262,15 +262,24 @@ def write_table(table: pd.DataFrame, path: Path, mode: int = 0o644) -> None:
         table.to_csv(temporary, index=False)
 
 
-_TEXT = {"case_id": str, "from_case_id": str, "landmark": str}
+# Columns of ids and names, which stay text whatever they look like.
+_TEXT = dict.fromkeys(
+    (
+        *("case_id", "from_case_id", "copy_of", "nearest_by_surface", "nearest_by_chamfer"),
+        *("patient", "left_out", "visit", "side", "site", "landmark"),
+    ),
+    str,
+)
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    """A table of ours. Raises DamagedFile."""
+def read_table(path: Path, text: Iterable[str] = tuple(_TEXT)) -> pd.DataFrame:
+    """Read a table that `write_table` wrote; the columns `text` are text. Raises DamagedFile."""
     try:
         # Case ids stay the text they are: "007" is no number, and a case may be called NA. What is
         # missing is written as nothing.
-        return pd.read_csv(path, dtype=_TEXT, keep_default_na=False, na_values=[""])
+        return pd.read_csv(
+            path, dtype=dict.fromkeys(text, str), keep_default_na=False, na_values=[""]
+        )
     except FileNotFoundError as error:
         raise DamagedFile(path, "is missing") from error
     except (ValueError, pd.errors.ParserError) as error:  # EmptyDataError is a ValueError

@@ -68,7 +68,7 @@ def find_cases(
             if one == choice.mirror:
                 load = partial(load_mirrored, load)
             sources.append(CaseSource(case_id, _files_of(path), load, patient=uid))
-    return cohort_of("luna16", sources, choice.exclude)
+    return cohort_of("luna16", sources, choice)
 
 
 def _load(path: Path, side: Side, case_id: str, allow_truncated: bool) -> Mask:

@@ -92,7 +92,7 @@ def find_cases(
         )
         for case_id, path in choose(by_id, choice).items()
     ]
-    return cohort_of(folder.name, mirror_side(sources, choice.mirror), choice.exclude)
+    return cohort_of(folder.name, mirror_side(sources, choice.mirror), choice)
 
 
 def _any_segmentation(folder: Path) -> bool:

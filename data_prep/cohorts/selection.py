@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 
+from ssm_pipeline.data_prep.cohorts.patients import PatientRow, with_patients
 from ssm_pipeline.data_prep.cohorts.sides import Side
 from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
 
@@ -27,12 +28,14 @@ class Choice:
         limit: At most so many; None: all.
         mirror: The side that is reflected, so that left and right are one cohort.
         exclude: Case id, or patient, → why it is left out.
+        patients: Case id → its row of the patient table; empty: no table.
     """
 
     cases: tuple[str, ...] | None = None
     limit: int | None = None
     mirror: Side | None = None
     exclude: Mapping[str, str] = field(default_factory=dict)
+    patients: Mapping[str, PatientRow] = field(default_factory=dict)
 
 
 ALL = Choice()
@@ -108,15 +111,17 @@ def choose(by_id: dict[str, Path], choice: Choice) -> dict[str, Path]:
     return dict(list(by_id.items())[:limit])
 
 
-def cohort_of(name: str, sources: Sequence[CaseSource], exclude: Mapping[str, str]) -> Cohort:
+def cohort_of(name: str, sources: Sequence[CaseSource], choice: Choice = ALL) -> Cohort:
     """The sources as a cohort, without those that the user excludes or whose id can't be used.
 
     Args:
-        exclude: Case id, or patient, → the reason, which is shown beside the case.
+        choice: Its patients and its excluded cases count here; the reason is shown beside the case.
 
     Raises:
-        StudyError: For an excluded name that is no case, or a reason left empty.
+        StudyError: For an excluded name that is no case, a reason left empty, or a patient table
+            without a row of a case.
     """
+    sources, exclude = with_patients(sources, choice.patients), choice.exclude
     known = {source.case_id for source in sources} | {source.patient for source in sources}
     for case_id, reason in exclude.items():
         if case_id not in known or not case_id:

@@ -21,16 +21,23 @@ ALIKE_PERCENT = 0.3  # of √area: no two organs lie that close, two meshes of o
 def check_cohort(
     meshes: Sequence[Mesh], seed: int = 0, left_out_percent: Mapping[str, float] | None = None
 ) -> pd.DataFrame:
-    """A row per case, as `judge` returns it: who does not look like the others, and why.
+    """The cases that do not look like the others, and why: one row per case, as `judge` returns.
 
     Args:
-        meshes: Closed, mm, each with its case id; at least 2.
-        seed: Of the points that the surfaces are compared by.
-        left_out_percent: Case → what was left out of it as separate pieces, where known.
+        meshes: Closed, in mm, each with its case id; at least 2.
+        seed: Of the points at which the surfaces are compared.
+        left_out_percent: Case → what was left out of it as separate pieces, if known.
 
     Raises:
-        StudyError: For fewer than 2 meshes.
+        StudyError: There are fewer than 2 meshes.
     """
+    return check_with_twins(meshes, seed, left_out_percent)[0]
+
+
+def check_with_twins(
+    meshes: Sequence[Mesh], seed: int = 0, left_out_percent: Mapping[str, float] | None = None
+) -> tuple[pd.DataFrame, list[tuple[str, str, str]]]:
+    """`check_cohort`, and the pairs that `twins` found."""
     if len(meshes) < 2:
         raise StudyError(f"{len(meshes)} case(s); to compare them, at least 2 are needed.")
     case_ids = [mesh.case_id for mesh in meshes]
@@ -42,16 +49,23 @@ def check_cohort(
     table.insert(0, "case_id", case_ids)
     left_out = left_out_percent or {}
     table["left_out_percent"] = [left_out.get(case_id, 0.0) for case_id in case_ids]
-    return judge(table, twins(by_id, numbers, seed))
+    pairs = twins(by_id, numbers, seed)
+    return judge(table, pairs), pairs
 
 
 def twins(
     meshes: Mapping[str, Mesh], numbers: pd.DataFrame, seed: int
 ) -> list[tuple[str, str, str]]:
-    """Pairs of cases that are one organ twice, or one the mirror image of the other.
+    """Pairs of cases that are the same organ, or mirror images of each other.
 
-    meshes in the order of the rows of `numbers`. Only pairs of equal size and spectrum are laid
-    on each other: of 1600 cases much alike, 244 pairs of 1.3 million.
+    Only pairs of equal size and spectrum are aligned and compared: of 1600 similar cases, 244
+    pairs of 1.3 million.
+
+    Args:
+        meshes: Case → mesh, in the order of the rows of `numbers`.
+
+    Returns:
+        (case, other case, "the same" or "the mirror image").
     """
     case_ids = list(meshes)
     sizes = np.log(numbers[["volume_ml", "area_cm2"]].to_numpy(float))

@@ -9,7 +9,9 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.cohort_check.copies import advice_on_copies, copies_table
 from ssm_pipeline.comparison.anatomy import evaluation_depends_on
+from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.engine.per_case import CaseTask, Row, map_cases
 from ssm_pipeline.engine.runner import FEWEST_CASES
 from ssm_pipeline.engine.terminal import Terminal
@@ -43,6 +45,9 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
         return True
     cohort = data.find(Path())
     refuse_what_cannot_fit(study.settings, cohort)
+    patients = {case.case_id: case.patient or case.case_id for case in cohort.cases}
+    if advice := advice_on_patients(patients):
+        terminal.say(f"patients   {advice}")
     for case in cohort.dropped:
         terminal.say(f"      case {case.case_id}: {case.reason}")
     with tempfile.TemporaryDirectory() as name:
@@ -87,13 +92,15 @@ def _compare(
     terminal: Terminal,
     to: Path | None,
 ) -> None:
-    from ssm_pipeline.cohort_check.check import check_cohort
+    from ssm_pipeline.cohort_check.check import check_with_twins
 
-    table = check_cohort(meshes, settings.seed, left_out)
+    table, pairs = check_with_twins(meshes, settings.seed, left_out)
     striking = table[table["remarks"] != ""]
     for case_id, remarks in zip(striking["case_id"], striking["remarks"], strict=True):
         terminal.say(f"      case {case_id}: {remarks}")
     terminal.say(f"cohort     {len(striking)} of {len(table)} do not look like the others")
+    for line in advice_on_copies(copies_table(pairs)):
+        terminal.say(f"           {line}")
     if to is not None:
         _write(table, meshes, to)
         terminal.say(f"table and pictures: {to}")

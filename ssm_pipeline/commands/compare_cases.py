@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.tables import read_table, typed
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.terminal import Terminal
@@ -16,7 +17,12 @@ from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import COMPARISONS, Run, load_run
 from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.statistics.compare import ShapeComparison, compare
-from ssm_pipeline.statistics.covariates import design_of, matched_to_cases, variables_of
+from ssm_pipeline.statistics.covariates import (
+    case_ids_of,
+    design_of,
+    matched_to_cases,
+    variables_of,
+)
 from ssm_pipeline.study.study import read_run_settings
 
 
@@ -42,9 +48,15 @@ def compare_cases(
     terminal = terminal or Terminal()
     run, settings = load_run(run_folder), read_run_settings(run_folder)
     _refuse_doubled_patients(run)
+    if advice := advice_on_patients(run.patients):
+        terminal.say(advice)
     table = read_table(covariates)
     table = typed(table, [name for name in variables_of(formula) if name in table])
-    design = design_of(formula, matched_to_cases(table, run.cases))
+    left_out = {case.case_id: case.reason for case in run.dropped}
+    rows = matched_to_cases(table, run.cases, left_out)
+    for case_id in sorted(set(case_ids_of(table)) & set(left_out)):
+        terminal.say(f"row of {case_id} not used: the run left it out, {left_out[case_id]}")
+    design = design_of(formula, rows)
     terminal.say(f"{len(run.cases)} cases, {', '.join(column.name for column in design.columns)}")
     result = compare(
         run.model,
@@ -63,9 +75,10 @@ def compare_cases(
     report = renew_report(run, settings.report) if folder is None else None
     for row in result.tests.itertuples():
         terminal.say(
-            f"{row.term}   p = {row.hotelling_p:.4g} (Hotelling, {row.modes} modes), "
-            f"{row.procrustes_p:.4g} (Procrustes, all)   explains "
-            f"{row.explained_percent:.1f} % of the variance that the others leave"
+            f"{row.term}   T² = {row.hotelling_t2:.4g}, p = {row.hotelling_p:.4g} (Hotelling, "
+            f"{row.modes} modes)   F({row.procrustes_df}, {row.procrustes_residual_df}) = "
+            f"{row.procrustes_f:.4g}, p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
+            f"explains {row.explained_percent:.1f} % of the variance that the others leave"
         )
     terminal.say(f"page: {page}")
     if report is not None:
@@ -85,13 +98,27 @@ def folder_name(formula: str) -> str:
     return f"{words}-{key_of(formula.strip())[:4]}"
 
 
+def _one_case_each(run: Run) -> str:
+    """The setting that leaves one case per patient; only LUNA16 has data.side."""
+    is_luna16 = run.settings["data"].get("source") == "luna16"
+    return f"set {'data.side to one side, or ' * is_luna16}data.cases to one case of each"
+
+
 def _refuse_doubled_patients(run: Run) -> None:
     """Cases of one patient are alike, and a test that permutes cases finds effects in that."""
+    copies = run.copies[run.copies["case_id"].isin(run.cases)]
+    if not copies.empty:
+        lines = "".join(f"\n    {line}" for line in copies["exclude"])
+        raise StudyError(
+            f"{len(copies)} of the {len(run.cases)} cases in {run.folder} are copies of others. "
+            "The tests would count them twice. Put into the study, and run it again:\n"
+            f"data:\n  exclude:{lines}"
+        )
     patients = list(run.patients.values())
     if doubled := sorted({name for name in patients if patients.count(name) > 1}):
         raise StudyError(
             f"{len(doubled)} patients have several cases in {run.folder}: "
             f"{', '.join(doubled[:3])}{' …' if len(doubled) > 3 else ''}. The tests take cases as "
             "independent, and would find effects where there are none. Compare a run with one case "
-            "a patient: one side (data.side), or data.cases with one of each."
+            f"per patient: {_one_case_each(run)}."
         )

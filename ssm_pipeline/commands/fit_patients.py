@@ -9,6 +9,7 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.image_files import image_stem
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACES
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
@@ -63,6 +64,8 @@ def fit_patients(
     if by not in WAYS:
         raise StudyError(f"--by {by}: {' or '.join(WAYS)} is needed.")
     _refuse_doubled(files)
+    if advice := advice_on_patients(run.patients):
+        terminal.say(advice)
     shapes, meshes, patients = cases_to_judge_by(run, settings, terminal)
     reference = reference_of(run, shapes, meshes, patients, settings, jobs, terminal)
     with_scale = settings.shape_model.with_scale

@@ -29,14 +29,26 @@ class AlignedCohort:
     with_scale: bool = False
 
     def without(self, held_out: np.ndarray) -> tuple[ShapeModel, list[Similarity]]:
-        """The model of the other cases, aligned anew, and for each held-out case (its place) its
-        frame onto that model."""
+        """The model of the other cases, aligned again, and the frame of each held-out case.
+
+        Args:
+            held_out: Places of the cases that are left out.
+
+        Returns:
+            The model, and per held-out case the similarity that aligns it with that model.
+        """
+        model, frames = self.of_the_others(held_out)
+        return model, [frames[int(case)] for case in held_out]
+
+    def of_the_others(self, held_out: np.ndarray) -> tuple[ShapeModel, dict[int, Similarity]]:
+        """As `without`, with the frames of all cases, kept and held out, by their places."""
         kept = np.setdiff1d(np.arange(len(self.shapes.case_ids)), held_out)
-        model = pca_model(align(self.shapes.subset(kept), with_scale=self.with_scale)[0])
-        frames = [
-            best_similarity(self.shapes.vertices[case], model.mean, with_scale=self.with_scale)
-            for case in held_out
-        ]
+        aligned, kept_frames = align(self.shapes.subset(kept), with_scale=self.with_scale)
+        model = pca_model(aligned)
+        frames = dict(zip(kept.tolist(), kept_frames, strict=True))
+        for case in np.asarray(held_out).tolist():
+            shape = self.shapes.vertices[case]
+            frames[case] = best_similarity(shape, model.mean, with_scale=self.with_scale)
         return model, frames
 
 

@@ -68,6 +68,7 @@ def generalisation(
             for held_out in folds
         ]
     )
+    table = of_common_modes(table, len(case_ids))
     order = {case_id: index for index, case_id in enumerate(case_ids)}
     return table.sort_values(
         by=["case_id", "modes"], key=lambda c: c.map(order) if c.name == "case_id" else c
@@ -147,13 +148,32 @@ def held_out_errors(
         points: Where the Chamfer distance is measured, of a shape in the model's frame.
     """
     model, frames = cohort.without(held_out)
-    modes = mode_counts(min(limit, model.mode_count), settings.mode_counts, also)
+    # The same numbers for all folds: a model without one fold may have a mode less.
+    modes = [
+        count
+        for count in mode_counts(limit, settings.mode_counts, also)
+        if count <= model.mode_count
+    ]
     rows: list[dict[str, object]] = []
     for case, frame in zip(held_out, frames, strict=True):
         mesh = moved(cohort.meshes[case], frame)
         shape = frame.apply(cohort.shapes.vertices[case])
         rows += _reconstruction_errors(model, shape, mesh, modes, points, generator)
     return pd.DataFrame(rows)
+
+
+def of_common_modes(table: pd.DataFrame, cases: int) -> pd.DataFrame:
+    """The rows of those numbers of modes at which every case is scored.
+
+    Without one fold or another a model may lose its last mode. A mean at that number would be over
+    fewer cases than its neighbours.
+
+    Args:
+        table: One row per case and number of modes.
+        cases: How many cases there are.
+    """
+    scored = table.groupby("modes")["case_id"].transform("size")
+    return table[scored == cases]
 
 
 def mean_over_cases(table: pd.DataFrame) -> pd.DataFrame:

@@ -9,7 +9,7 @@ Source: Davies 2002; Styner et al. 2003.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import joblib
 import numpy as np
@@ -225,15 +225,19 @@ def even_subset(size: int, count: int) -> np.ndarray:
 def nearest_surface(
     shapes: np.ndarray,
     faces: np.ndarray,
-    surfaces: Sequence[SurfaceTarget],
+    surfaces: Sequence[SurfaceTarget] | Mapping[int, SurfaceTarget],
     candidates: Sequence[np.ndarray],
     count: int,
 ) -> np.ndarray:
-    """(n, 2) symmetric mean and HD95 of each shape (n, V, 3) to the nearest of its candidates.
+    """Distances of each shape to the nearest of its candidates.
 
     Args:
-        candidates: Per shape, indices into `surfaces`.
-        count: About as many of either's vertices are asked of the other's triangles.
+        shapes: (n, V, 3).
+        candidates: Per shape, places in `surfaces`.
+        count: About so many vertices of either shape are compared with the other's triangles.
+
+    Returns:
+        (n, 2) symmetric mean and HD95, both to the candidate with the smallest mean.
     """
     result = np.empty((len(shapes), 2))
     for index, vertices in enumerate(shapes):
@@ -245,7 +249,7 @@ def nearest_surface(
             back = draw.distances_to(_thinned(surface.vertices, count))
             distance = symmetric(out, back)
             found.append((distance.mean, distance.hd95))
-        result[index] = np.min(found, axis=0)
+        result[index] = min(found)  # by the mean: both distances are of one mesh
     return result
 
 

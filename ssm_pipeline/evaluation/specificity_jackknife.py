@@ -14,7 +14,7 @@ import joblib
 import numpy as np
 import pandas as pd
 
-from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import (
@@ -25,7 +25,6 @@ from ssm_pipeline.evaluation.specificity import (
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
 from ssm_pipeline.parallel import in_processes
-from ssm_pipeline.shape_model.pca import pca_model
 
 _CANDIDATES = 3  # meshes nearest by Chamfer of a few points, compared by surface distance
 
@@ -90,15 +89,13 @@ def _without_some(
     draws: _Draws,
     surface_points: int,
 ) -> list[dict[str, object]]:
-    """The rows of some of the patients; the meshes' trees are built once for all of them."""
-    targets = [PointTarget.of(sample) for sample in draws.samples]
-    surfaces = [SurfaceTarget.of(mesh.vertices, mesh.faces) for mesh in cohort.meshes]
+    """The rows of some of the patients."""
     every = np.arange(draws.points.count)
     rows: list[dict[str, object]] = []
     for name in names:
         kept = np.flatnonzero(whose != name).tolist()
-        others, left = [targets[other] for other in kept], [surfaces[other] for other in kept]
-        model = pca_model(cohort.shapes.subset(kept))
+        model, frames = cohort.of_the_others(np.flatnonzero(whose == name))
+        others = [PointTarget.of(frames[case].apply(draws.samples[case])) for case in kept]
         scores = drawn_scores(model, draws.weights[:, kept])[:, : draws.modes]
         shapes = model.reconstruct(scores)
         ranked = (
@@ -106,7 +103,11 @@ def _without_some(
             for shape in shapes
         )
         candidates = [nearest[:_CANDIDATES] for nearest in ranked]
-        found = nearest_surface(shapes, model.faces, left, candidates, surface_points)
+        surfaces = {}
+        for place in np.unique(np.concatenate(candidates)).tolist():
+            mesh = moved(cohort.meshes[kept[place]], frames[kept[place]])
+            surfaces[place] = SurfaceTarget.of(mesh.vertices, mesh.faces)
+        found = nearest_surface(shapes, model.faces, surfaces, candidates, surface_points)
         rows += [
             {
                 "left_out": name,

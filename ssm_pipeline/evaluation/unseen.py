@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
+from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort, moved
 from ssm_pipeline.evaluation.sampling import FixedPoints
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity import (
@@ -17,7 +17,6 @@ from ssm_pipeline.evaluation.specificity import (
 )
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget
 from ssm_pipeline.records import Mesh
-from ssm_pipeline.shape_model.pca import pca_model
 
 _CANDIDATES = 3
 
@@ -42,7 +41,7 @@ def unseen_specificity(
         two that compare with each other, and not the table `specificity`.
     """
     kept = np.setdiff1d(np.arange(len(cohort.meshes)), held_out)
-    model = pca_model(cohort.shapes.subset(kept))
+    model, frames = cohort.of_the_others(held_out)
     modes = min(modes, model.mode_count)
     weights = generator.standard_normal((settings.surface_samples, len(kept)))
     shapes = model.reconstruct(drawn_scores(model, weights)[:, :modes])
@@ -50,7 +49,11 @@ def unseen_specificity(
     as_many = generator.permutation(kept)[: len(held_out)]
     found = {
         name: _nearest(
-            shapes, model.faces, [cohort.meshes[case] for case in cases], points, settings
+            shapes,
+            model.faces,
+            [moved(cohort.meshes[case], frames[int(case)]) for case in cases],
+            points,
+            settings,
         )
         for name, cases in (("unseen", held_out), ("seen", as_many))
     }

@@ -48,7 +48,7 @@ def read_comparison(folder: Path) -> ShapeComparison:
     """
     about: dict[str, Any] = storage.read_json(folder / ABOUT_FILE)
     tables = {name: storage.read_table(folder / f"{name}.csv") for name in TABLES}
-    covariates = storage.read_table(folder / "covariates.csv")
+    covariates = storage.read_table(folder / "covariates.csv", text=["case_id"])
     arrays = storage.load_arrays(folder / "vertex_maps.npz")
     with storage.damage_named(folder / ABOUT_FILE):
         return ShapeComparison(

@@ -11,10 +11,14 @@ from ssm_pipeline.fitting.cross_validation import CrossValidation
 
 # One in a hundred of the model's own kind is flagged by each of the two distances.
 TAIL = 0.01
-# A case may be turned half as far again as any of the model's, and 45 degrees in any case.
+# A case may be rotated half as far again as any of the model's, and 45 degrees in any case.
 TURNED_DEG, TURNED_TIMES = 45.0, 1.5
-# Another orientation's or the other hand's fit is believed where it is a fifth better.
+# Another orientation's or the other hand's fit is believed if it is a fifth better.
 CLEARLY_BETTER = 0.8
+# Cases of the model beyond so many robust standard deviations set no threshold. One that was not
+# held out with its copy, or whose mask is wrong, would change a threshold by a factor of ten.
+OUTLYING = 8.0
+SMALLEST_LOG, SMALLEST_DEG = 0.05, 3.0  # robust standard deviations count as at least so much
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ def judge(
     """
     residual = tail_of(residual_mm, reference.residual_mm)
     distance = tail_of(mahalanobis, reference.mahalanobis)
-    turned_threshold = max(TURNED_DEG, TURNED_TIMES * float(reference.turned_deg.max()))
+    usual_turns = without_outliers(reference.turned_deg, SMALLEST_DEG)
+    turned_threshold = max(TURNED_DEG, TURNED_TIMES * float(usual_turns.max()))
     flags = []
     if mirror_ratio < CLEARLY_BETTER:
         flags.append(
@@ -101,20 +106,34 @@ def judge(
 def usual_sizes(reference: CrossValidation) -> tuple[float, float]:
     """Between which sizes 99 in 100 of the model's kind are; (1, 1) where size is no part of the
     pose."""
-    logs = np.log(reference.size)
+    logs = without_outliers(np.log(reference.size), SMALLEST_LOG)
     spread = float(logs.std(ddof=1)) * np.sqrt(1 + 1 / len(logs))
     reach = spread * float(student_t.isf(TAIL / 2, len(logs) - 1))
     return float(np.exp(logs.mean() - reach)), float(np.exp(logs.mean() + reach))
 
 
+def without_outliers(values: np.ndarray, smallest: float) -> np.ndarray:
+    """The values within `OUTLYING` robust standard deviations of their median.
+
+    Args:
+        values: (N,).
+        smallest: A robust standard deviation below this counts as this.
+
+    >>> without_outliers(np.array([1.0, 1.2, 0.9, 1.1, -9.0]), 0.05).tolist()
+    [1.0, 1.2, 0.9, 1.1]
+    """
+    away = np.abs(values - np.median(values))
+    return values[away <= OUTLYING * max(1.4826 * float(np.median(away)), smallest)]
+
+
 def tail_of(value: float, seen: np.ndarray) -> Judged:
     """Where a positive number lies in the distribution of which `seen` (N,) is a sample.
 
-    By the predictive distribution of a log-normal one whose parameters are estimated: Student's t
-    with N − 1 degrees of freedom, wider by √(1 + 1/N). A rank among N could not be below
-    1 / (N + 1).
+    The distribution is log-normal with estimated parameters, so its predictive distribution is
+    Student's t with N − 1 degrees of freedom, wider by √(1 + 1/N). Outliers among `seen` are left
+    out. A rank among N could not be below 1 / (N + 1).
     """
-    logs = np.log(np.maximum(seen, 1e-12))
+    logs = without_outliers(np.log(np.maximum(seen, 1e-12)), SMALLEST_LOG)
     count = len(logs)
     spread = float(logs.std(ddof=1)) * np.sqrt(1 + 1 / count) + 1e-12
     centre = float(logs.mean())

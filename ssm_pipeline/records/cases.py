@@ -136,14 +136,20 @@ class CaseSource:
         case_id: Names the case in messages and tables.
         files: The files that the case depends on.
         load: Reads the case.
-        patient: The patient, where a patient has several cases (two sides, two visits). The cases
-            of a patient are kept in one fold. Empty: the case is a patient of its own.
+        patient: The patient of the case. The cases of one patient (two sides, two visits) are held
+            out together. Empty: no other case is of this patient.
+        visit: As the patient table says; empty if it says nothing.
+        side: As `visit`.
+        site: As `visit`.
     """
 
     case_id: str
     files: tuple[Path, ...]
     load: Callable[[], Mask | Surface]
     patient: str = ""
+    visit: str = ""
+    side: str = ""
+    site: str = ""
 
 
 @dataclass(frozen=True)

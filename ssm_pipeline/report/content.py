@@ -45,6 +45,7 @@ class ReportContent:
             (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
         check: case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures case
             id → PNG. None, empty: not shown.
+        copies: As `Run.copies`. patients_advice: a sentence on ids that look like one patient's.
         settings, versions: Nested mappings of plain values, shown as they are.
 
     Raises:
@@ -69,6 +70,8 @@ class ReportContent:
     training: pd.DataFrame | None = None
     check: pd.DataFrame | None = None
     check_pictures: Mapping[str, bytes] = field(default_factory=dict)
+    copies: pd.DataFrame | None = None
+    patients_advice: str = ""
     comparisons: tuple[ShapeComparison, ...] = ()
 
     @property

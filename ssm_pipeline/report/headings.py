@@ -30,6 +30,9 @@ _WORDS = {
     "dropped": "left out because",
     "cases_in": "cases in",
     "procrustes_f": "Procrustes F",
+    "procrustes_df": "degrees of freedom",
+    "procrustes_residual_df": "residual degrees of freedom",
+    "hotelling_t2": "Hotelling's T²",
 } | {f"power_at_{size}_sd": f"power at {size} SD" for size in EFFECTS_SD}
 _STEMS = {
     "to_case": "mean",
@@ -70,9 +73,9 @@ _EXPLANATIONS = {
     "coverage": "how near a template point must be for the case's surface to count as covered",
     "distinct": "share of template points with a vertex of the case of their own",
     "round_trip": "template to case and back: distance from where a point started",
-    "hotelling_trace": "Lawley and Hotelling's trace: the modes tested, in standard deviations",
+    "hotelling_t2": "of the modes tested together, in standard deviations",
     "hotelling_p": "by permutation, of the modes tested together",
-    "procrustes_f": "explained over residual sum of squares, of all coordinates in millimetres",
+    "procrustes_f": "explained over residual mean square, of all coordinates in millimetres",
     "procrustes_p": "by permutation, of all coordinates in millimetres",
     "explained": "of the variance that the other terms leave",
     "found_4_in_5": "the smallest difference that this number of cases finds four times in five",

@@ -49,6 +49,8 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         methods=method_tables(metrics, content.has_network),
         methods_95=method_tables(at_95, content.has_network),
         check=check_cases(content),
+        copies=[] if content.copies is None else list(content.copies["exclude"]),
+        patients_advice=content.patients_advice,
         comparisons=comparison_tables(content.comparisons, content.names),
         warning=collapse_warning(content.training),
         chamfer_floor=_chamfer_floor(content),

@@ -11,6 +11,7 @@ import pandas as pd
 import yaml
 
 from ssm_pipeline import storage
+from ssm_pipeline.cohort_check.copies import COLUMNS, copy_pairs, held_together
 from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.stage import StageRecord
@@ -73,14 +74,22 @@ class Run:
 
     @property
     def patients(self) -> dict[str, str]:
-        """Case → patient, of the cases in the model; a model that was imported knows none, and each
-        case counts as a patient."""
+        """Case → patient, of the cases in the model. Copies of one case count as one patient. An
+        imported model knows no patients: each case counts as one."""
         path = self.folder / "data" / "cohort.csv"
         known: dict[str, str] = {}
         if path.exists():
             table = storage.read_table(path)
             known = dict(zip(table["case_id"], table["patient"], strict=True))
-        return {case_id: known.get(case_id, case_id) for case_id in self.cases}
+        own = {case_id: known.get(case_id, case_id) for case_id in self.cases}
+        return held_together(own, copy_pairs(self.copies))
+
+    @property
+    def copies(self) -> pd.DataFrame:
+        """A row per case that is a copy of another: case_id, copy_of, and the line `exclude` for
+        `data.exclude` of the study. Empty if there are none, and for an imported model."""
+        path = self.folder / "cohort_check" / "copies.csv"
+        return storage.read_table(path) if path.exists() else pd.DataFrame(columns=list(COLUMNS))
 
     @property
     def reflected(self) -> frozenset[str]:

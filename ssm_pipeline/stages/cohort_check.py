@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.cohort_check.copies import advice_on_copies, copies_table
 from ssm_pipeline.cohort_check.fingerprint import typical_cases
 from ssm_pipeline.cohort_check.judge import judge
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -19,7 +20,7 @@ from ssm_pipeline.runs.run import Run
 
 
 def check_meshes(context: Context) -> Outcome:
-    """cohort_check.csv; pictures/<case>.png of each striking case beside a typical one.
+    """cohort_check.csv; copies.csv; pictures/<case>.png of each striking case beside a typical one.
 
     The numbers of each case lie in fingerprints/ and fits/: a case added to a study costs its own.
     """
@@ -55,8 +56,11 @@ def check_meshes(context: Context) -> Outcome:
     table.insert(0, "case_id", case_ids)
     table["left_out_percent"] = share.loc[case_ids].to_numpy()
     meshes = {case_id: run.mesh(case_id) for case_id in case_ids}
-    result = judge(table, twins(meshes, numbers, context.seed))
+    pairs = twins(meshes, numbers, context.seed)
+    result = judge(table, pairs)
     context.write_table("cohort_check", result.to_dict("records"))
+    copies = copies_table(pairs)
+    storage.write_table(copies, context.folder() / "copies.csv")
     striking = result[result["remarks"] != ""]
     for path in (context.folder() / "pictures").glob("*.png"):
         path.unlink()
@@ -66,6 +70,8 @@ def check_meshes(context: Context) -> Outcome:
         path = context.folder() / "pictures" / f"{case_id}.png"
         with storage.written_whole(path) as temporary:
             temporary.write_bytes(picture_beside(meshes[case_id], meshes[beside]))
+    for line in advice_on_copies(copies):
+        context.terminal.say(f"      {line}")
     return Outcome(context.case_keys, note=f"{len(striking)} do not look like the others")
 
 

@@ -6,7 +6,7 @@ from ssm_pipeline.comparison.anatomy import evaluation_depends_on
 from ssm_pipeline.engine.stage import Stage
 from ssm_pipeline.stages.cohort_check import check_meshes
 from ssm_pipeline.stages.correspondence import match_cases
-from ssm_pipeline.stages.data import list_cases
+from ssm_pipeline.stages.data import data_dependencies, list_cases
 from ssm_pipeline.stages.evaluation import evaluate_methods
 from ssm_pipeline.stages.groupwise import match_means
 from ssm_pipeline.stages.meshing import make_meshes, what_meshes_rest_on
@@ -20,10 +20,10 @@ STAGES: tuple[Stage[StudySettings], ...] = (
     Stage(
         "data",
         list_cases,
-        lambda s: {"data": s.data.model_dump(mode="json", exclude={"folder"})},
+        data_dependencies,
     ),
     Stage("meshing", make_meshes, what_meshes_rest_on, needs=("data",), version=2),
-    Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",), version=2),
+    Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",), version=3),
     Stage(
         "spectral",
         make_bases,
@@ -63,8 +63,8 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         "evaluation",
         evaluate_methods,
         evaluation_depends_on,
-        needs=("shape_model",),
-        version=3,
+        needs=("shape_model", "cohort_check"),
+        version=4,
     ),
     Stage("report", write_report, what_the_report_rests_on, needs=("evaluation",)),
 )

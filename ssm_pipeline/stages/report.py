@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ssm_pipeline import storage
+from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.engine.left_files import files_of_stage
 from ssm_pipeline.engine.process import versions
@@ -79,9 +80,10 @@ def report_content(run: Run) -> ReportContent:
     tables["compactness"] = tables["compactness"].rename(columns={"compactness": "share"})
     fits = tables.pop("correspondence")
     fits = fits[fits["method"] == FULL].drop(columns=["method", "seed"])
+    is_synthetic = run.settings["data"]["source"] == "phantoms"
     return ReportContent(
         study=run.folder.name,
-        is_synthetic=run.settings["data"]["source"] == "phantoms",
+        is_synthetic=is_synthetic,
         model=run.model,
         aligned=run.aligned,
         frames=tuple(frames),
@@ -106,6 +108,8 @@ def report_content(run: Run) -> ReportContent:
         seed=run.settings["seed"],
         training=_losses(run),
         check=run.cohort_check,
+        copies=run.copies,
+        patients_advice="" if is_synthetic else advice_on_patients(run.patients),
         comparisons=run.comparisons,
         check_pictures={
             path.stem: path.read_bytes()

@@ -41,9 +41,13 @@ class VertexMap:
 
 @dataclass(frozen=True, eq=False)
 class ShapeComparison:
-    """tests: a row per term, on the leading modes in standard deviations (Hotelling) and on all in
-    millimetres (Procrustes); modes: a row per column and mode; power: a row per column; maps: one
-    per column. mode_count: how many leading modes the tests of whole shapes are on."""
+    """The result of `compare`.
+
+    tests: A row per term: Hotelling's T² of the leading modes in standard deviations, and the F of
+        Procrustes ANOVA of all modes in millimetres.
+    modes: A row per column and mode. power: a row per column. maps: one per column.
+    mode_count: How many leading modes `hotelling_t2` is of.
+    """
 
     design: Design
     mode_count: int
@@ -85,9 +89,11 @@ def compare(
                 "term": term,
                 "cases": len(matrix),
                 "modes": mode_count,
-                "hotelling_trace": test.statistic,
+                "hotelling_t2": test.statistic,
                 "hotelling_p": test.p,
                 "procrustes_f": whole.statistic,
+                "procrustes_df": whole.degrees[0],
+                "procrustes_residual_df": whole.degrees[1],
                 "procrustes_p": whole.p,
                 "permutations": permutations,
                 "explained_percent": 100 * explained_share(vertices, matrix, places),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.data_prep.formats.tables import typed
 from ssm_pipeline.records import StudyError
 
 ID_COLUMNS = ("case_id", "participant_id")  # ours; BIDS's
@@ -45,22 +46,34 @@ class Design:
         return [column.place for column in self.columns if column.term == term]
 
 
-def matched_to_cases(table: pd.DataFrame, case_ids: Sequence[str]) -> pd.DataFrame:
-    """The table's rows in the order of the cases, ids as text in a first column case_id.
-
-    Raises:
-        StudyError: For a table without ids, and for ids that are unknown, missing or doubled: rows
-            are never left out, nor cases, unless the user leaves them out.
-    """
+def case_ids_of(table: pd.DataFrame) -> pd.Series:
+    """The ids in a table of covariates, as text. Raises StudyError for a table without them."""
     found = [name for name in ID_COLUMNS if name in table]
     if not found:
         raise StudyError(
             f"the table of covariates has no column {' or '.join(ID_COLUMNS)}; its columns are "
             f"{', '.join(map(str, table.columns))}. Name the column of the cases' ids so."
         )
-    ids = table[found[0]].astype(str).str.strip()
+    return table[found[0]].astype(str).str.strip()
+
+
+def matched_to_cases(
+    table: pd.DataFrame, case_ids: Sequence[str], left_out: Collection[str] = ()
+) -> pd.DataFrame:
+    """The table's rows in the order of the cases, ids as text in a first column case_id.
+
+    Args:
+        table: With a column of ids, `case_id` or `participant_id`.
+        case_ids: The cases of the model.
+        left_out: Cases that the run left out. Their rows are not used.
+
+    Raises:
+        StudyError: The table has no ids, or ids that are unknown, missing or doubled. No other
+            row is left out, and no case.
+    """
+    ids = case_ids_of(table)
     doubled = sorted(set(ids[ids.duplicated()]))
-    unknown = sorted(set(ids) - set(case_ids))
+    unknown = sorted(set(ids) - set(case_ids) - set(left_out))
     missing = [case_id for case_id in case_ids if case_id not in set(ids)]
     problems = [
         f"{len(names)} {what}: {', '.join(names[:5])}{' …' if len(names) > 5 else ''}"
@@ -72,10 +85,13 @@ def matched_to_cases(table: pd.DataFrame, case_ids: Sequence[str]) -> pd.DataFra
         if names
     ]
     if problems:
+        advice = ["correct the ids"]
+        advice += ["delete the rows of other cases"] if unknown else []
+        advice += ["add the missing rows, or exclude these cases (data.exclude) and run the study"]
         raise StudyError(
             f"the table of covariates does not fit the model's {len(case_ids)} cases. "
             + "; ".join(problems)
-            + ". One row per case is needed; correct the ids, or leave rows out."
+            + f". One row per case is needed: {'; '.join(advice if missing else advice[:-1])}."
         )
     rows = table.assign(case_id=ids).set_index("case_id").loc[list(case_ids)].reset_index()
     return rows[["case_id", *[n for n in rows.columns if n not in ("case_id", *ID_COLUMNS)]]]
@@ -109,7 +125,7 @@ def design_of(formula: str, covariates: pd.DataFrame) -> Design:
         )
     if not variables:
         raise StudyError(f"the formula {formula!r} names no covariate; the table has {known}.")
-    used = covariates[["case_id", *variables]]
+    used = typed(covariates[["case_id", *variables]], _columns_of_text(covariates, variables))
     _check_values(used, variables)
     try:
         made = formulaic.model_matrix(right, used, na_action="raise")
@@ -159,6 +175,11 @@ def variables_of(formula: str) -> list[str]:
         ) from error
 
 
+def _columns_of_text(table: pd.DataFrame, names: Sequence[str]) -> list[str]:
+    """The columns whose cells are all text, as `read_table` returns them."""
+    return [name for name in names if all(isinstance(cell, str) for cell in table[name])]
+
+
 def _check_values(used: pd.DataFrame, variables: Sequence[str]) -> None:
     for name in variables:
         values = used[name]
@@ -166,7 +187,7 @@ def _check_values(used: pd.DataFrame, variables: Sequence[str]) -> None:
             ids = list(used.loc[values.isna(), "case_id"])
             raise StudyError(
                 f"the covariate {name} is empty for {len(ids)} cases: {', '.join(ids[:5])}. Fill "
-                "it in, or leave these cases out of the model."
+                "it in, or exclude these cases (data.exclude) and run the study again."
             )
         if values.nunique() < 2:
             raise StudyError(

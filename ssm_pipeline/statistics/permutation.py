@@ -14,12 +14,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Test:
-    """statistic: of `multivariate_test` the Lawley–Hotelling trace (for one column, Hotelling's T²
-    over the residual degrees of freedom); p: its permutation p-value; permutations: how many."""
+    """The result of a permutation test.
+
+    statistic: Hotelling's T² of `multivariate_test`, F of `procrustes_test`.
+    p: Its permutation p-value.
+    permutations: How many there were.
+    degrees: Degrees of freedom of the tested columns and of the residuals.
+    """
 
     statistic: float
     p: float
     permutations: int
+    degrees: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +36,12 @@ class _Split:
     nuisance: np.ndarray
     residuals: np.ndarray
     added: np.ndarray
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees of freedom of the tested columns and of the residuals."""
+        count, tested = self.added.shape
+        return tested, count - self.nuisance.shape[1] - tested
 
     def without_nuisance(self, values: np.ndarray) -> np.ndarray:
         result: np.ndarray = values - self.nuisance @ (self.nuisance.T @ values)
@@ -58,10 +70,15 @@ def multivariate_test(
     permutations: int,
     generator: np.random.Generator,
 ) -> Test:
-    """Do some columns of a design explain scores (N, K) beyond the others?
+    """Test whether some columns of a design explain scores beyond the other columns.
 
-    matrix (N, P) with the mean's column; tested: the columns in question, as places. K must be
-    less than N − P, or residuals have no spread to compare with.
+    The statistic is Hotelling's T², N − P times the Hotelling–Lawley trace; of several columns
+    Hotelling's generalised T². Of one column with two groups it is the two-sample T².
+
+    Args:
+        scores: (N, K), where K is less than N − P.
+        matrix: (N, P), with a column of ones.
+        tested: Places of the tested columns.
 
     >>> generator = np.random.default_rng(0)
     >>> group = np.repeat([0.0, 1.0], 20)
@@ -78,7 +95,9 @@ def multivariate_test(
         within = residuals.T @ residuals - between
         values.append(float(np.trace(np.linalg.solve(within, between))))
     observed, drawn = values[0], np.array(values[1:])
-    return Test(observed, _p_value(observed, drawn), permutations)
+    between_df, within_df = split.degrees
+    p = _p_value(observed, drawn)
+    return Test(within_df * observed, p, permutations, (between_df, within_df))
 
 
 def procrustes_test(
@@ -88,12 +107,19 @@ def procrustes_test(
     permutations: int,
     generator: np.random.Generator,
 ) -> Test:
-    """Do some columns explain shapes, all coordinates weighing alike? Procrustes ANOVA.
+    """Test whether some columns explain shapes, with equal weights for all coordinates.
 
-    scores_mm (N, M): scores in millimetres, all modes, which hold the shapes' distances from each
-    other. Statistic: explained over residual sum of squares. Where `multivariate_test` asks in
-    standard deviations, and of few modes, this one asks in millimetres: it is the stronger where
-    large modes differ, and has no limit on the number of modes.
+    This is Procrustes ANOVA. The statistic is F, the explained over the residual mean square, with
+    the degrees of freedom of the columns and of the residuals (as `procD.lm` of R's geomorph).
+    `multivariate_test` is in standard deviations of a few modes; this test is in millimetres. It
+    is stronger where large modes differ, and has no limit on the number of modes.
+
+    Args:
+        scores_mm: (N, M) scores of all modes in millimetres, which hold the shapes' distances from
+            each other.
+        matrix: (N, P), with a column of ones.
+        tested: Places of the tested columns.
+
     Source: Goodall 1991; Anderson 2001 for the permutations.
     """
     split = _split(scores_mm, matrix, tested)
@@ -101,7 +127,9 @@ def procrustes_test(
     for residuals in split.permuted(permutations, generator):
         between = float(((split.added.T @ residuals) ** 2).sum())
         values.append(between / (float((residuals**2).sum()) - between))
-    return Test(values[0], _p_value(values[0], np.array(values[1:])), permutations)
+    between_df, within_df = split.degrees
+    p = _p_value(values[0], np.array(values[1:]))
+    return Test(values[0] * within_df / between_df, p, permutations, (between_df, within_df))
 
 
 def vertex_test(

@@ -1,10 +1,12 @@
-"""Do a study's settings fit its cases? Asked before the hours of work, not after."""
+"""Checks of a study's settings against its cases, before any work."""
 
 from __future__ import annotations
 
 import math
 
-from ssm_pipeline.records import Cohort, StudyError
+from ssm_pipeline.cohort_check.copies import exclude_line
+from ssm_pipeline.engine.keys import key_of_files
+from ssm_pipeline.records import CaseSource, Cohort, StudyError
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.yaml_settings import nearest
 
@@ -12,8 +14,12 @@ FEWEST_KEPT = 3  # cases that a model is built from when others are held out
 
 
 def refuse_what_cannot_fit(settings: StudySettings, cohort: Cohort) -> None:
-    """Raise StudyError for a template or folds that these cases don't allow, or weights to start
-    from that are no such weights."""
+    """Raise StudyError for settings that these cases don't allow.
+
+    These are: copies of one file that are not excluded, a template that is no case, impossible
+    folds, and weights to start from that are of other networks.
+    """
+    refuse_copies(cohort)
     if settings.matching == "network" and settings.training.start != "none":
         from ssm_pipeline.training.start import refuse_other_networks  # it imports PyTorch
 
@@ -29,4 +35,33 @@ def refuse_what_cannot_fit(settings: StudySettings, cohort: Cohort) -> None:
         raise StudyError(
             f"evaluation.folds is {folds}, of {count} cases; from 2 to {count} folds are possible, "
             f"and each must leave {FEWEST_KEPT} cases. Ask for other folds, or 0: one case a time."
+        )
+
+
+def refuse_copies(cohort: Cohort) -> None:
+    """Raise StudyError for cases whose files have the same content, unless all have.
+
+    Cases that share one file, as the two lungs of a scan, are different organs.
+    """
+    if cohort.is_synthetic:
+        return
+    of_size: dict[tuple[int, ...], list[CaseSource]] = {}
+    there = (case for case in cohort.cases if all(path.is_file() for path in case.files))
+    for case in there:
+        sizes = tuple(path.stat().st_size for path in case.files)
+        of_size.setdefault(sizes, []).append(case)
+    first: dict[str, CaseSource] = {}
+    copies: dict[str, str] = {}
+    for cases in of_size.values():
+        if len({case.files for case in cases}) == 1:
+            continue
+        for case in cases:
+            original = first.setdefault(key_of_files(case.files), case)
+            if case.files != original.files:
+                copies[case.case_id] = original.case_id
+    if copies and len(copies) < len(cohort.cases) - 1:  # the engine refuses copies of one file
+        lines = "".join(f"\n    {exclude_line(*pair)}" for pair in sorted(copies.items()))
+        raise StudyError(
+            f"{len(copies)} of {len(cohort.cases)} cases are copies of another case's file, and a "
+            f"model would count them twice. Put into the study:\ndata:\n  exclude:{lines}"
         )

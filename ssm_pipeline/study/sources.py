@@ -28,6 +28,7 @@ class FolderData(Settings):
     cases: tuple[str, ...] | None = None  # case ids; None: all
     limit: int | None = Field(None, ge=1)  # cases; None: all
     exclude: Mapping[str, str] = Field({})  # case id: why it is left out; shown beside the case
+    patients: Path | None = None  # table: case, patient, visit, side, site; None: from the ids
     mirror: Side | None = None  # the side that is reflected: left and right are one cohort
 
     @property
@@ -49,7 +50,7 @@ class FolderData(Settings):
 
     def case_settings(self) -> dict[str, Any]:
         """What changes a case itself, and not which cases there are."""
-        which = {"folder", "cases", "limit", "exclude", "pattern", "organ", "subset"}
+        which = {"folder", "cases", "limit", "exclude", "patients", "pattern", "organ", "subset"}
         return self.model_dump(mode="json", exclude=which)
 
     def _given_folder(self) -> Path:
@@ -58,9 +59,11 @@ class FolderData(Settings):
         return self.folder
 
     def _choice(self) -> Choice:
+        from ssm_pipeline.data_prep.cohorts.patients import read_patients
         from ssm_pipeline.data_prep.cohorts.selection import Choice
 
-        return Choice(self.cases, self.limit, self.mirror, self.exclude)
+        patients = {} if self.patients is None else read_patients(self.patients)
+        return Choice(self.cases, self.limit, self.mirror, self.exclude, patients)
 
 
 class Luna16Data(FolderData):

@@ -4,11 +4,14 @@ import pytest
 from synthetic_shapes import wavy_cohort
 
 from ssm_pipeline.evaluation import nearest_case
+from ssm_pipeline.evaluation.aligned_cohort import align_cohort
 from ssm_pipeline.evaluation.comparison import compare
 from ssm_pipeline.evaluation.evaluate import Scoring, evaluate_method
+from ssm_pipeline.evaluation.model_quality import generalisation, held_out_folds
 from ssm_pipeline.evaluation.nearest_case import nearest_other_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
-from ssm_pipeline.records import Mesh
+from ssm_pipeline.evaluation.surface_fits import fits_to_held_out
+from ssm_pipeline.records import CorrespondedShapes, Mesh
 
 SETTINGS = EvaluationSettings(
     points=162, samples=20, surface_samples=5, jackknife_samples=4, screening_points=40
@@ -105,3 +108,46 @@ def test_of_many_cases_some_are_asked_and_compared_in_full_with_the_nearest(
     monkeypatch.setattr(nearest_case, "MOST_ASKED", 4)
     some = nearest_other_cases(meshes, SETTINGS, np.random.default_rng(0))
     pd.testing.assert_frame_equal(some, in_full.iloc[[0, 5, 9, 14]].reset_index(drop=True))
+
+
+def test_a_patients_twin_is_unknown_to_the_model():
+    """Left and right of a patient are nearly equal: what the model of the others cannot explain."""
+    shapes, meshes = wavy_cohort(5)
+    twins = shapes.vertices + 0.05
+    ids = (*shapes.case_ids, *(f"{case_id}_right" for case_id in shapes.case_ids))
+    both = CorrespondedShapes(
+        np.concatenate([shapes.vertices, twins]), shapes.faces, ids, shapes.template_id
+    )
+    meshes = [Mesh(v, both.faces, i) for v, i in zip(both.vertices, ids, strict=True)]
+    patients = dict(zip(ids, [*shapes.case_ids] * 2, strict=True))
+    settings = SETTINGS.model_copy(
+        update={"fit_surfaces": False, "samples": 5, "surface_samples": 2}
+    )
+    scoring = Scoring(settings, seed=7, patients=patients)
+    metrics = evaluate_method("ours", both, meshes, scoring)
+    found = metrics.tables["generalisation"]
+    cohort, _ = align_cohort(both, meshes)
+    folds = held_out_folds(10, 0, 7, [patients[case_id] for case_id in ids])
+    generator = np.random.default_rng(7).spawn(4)[0]
+    expected = generalisation(cohort, settings, generator, folds, [found["modes"].max()])
+    np.testing.assert_allclose(found["surface_mm"], expected["surface_mm"])
+    assert found["patient"].tolist() == [patients[case_id] for case_id in found["case_id"]]
+    assert set(metrics.tables["specificity_jackknife"]["left_out"]) == set(shapes.case_ids)
+
+
+def test_a_model_is_fitted_to_a_case_that_it_does_not_know():
+    """What of a case lies outside the others' span stays between its surface and the fit."""
+    shapes, _ = wavy_cohort(6, modes=2)
+    directions = shapes.vertices[0] - shapes.vertices[0].mean(axis=0)
+    out = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    vertices = shapes.vertices.copy()
+    vertices[3] += 6 * np.sin(8 * directions[:, :1] / 50) * out  # no other case has such a wave
+    odd = CorrespondedShapes(vertices, shapes.faces, shapes.case_ids, shapes.template_id)
+    meshes = [Mesh(v, shapes.faces, i) for v, i in zip(vertices, shapes.case_ids, strict=True)]
+    cohort, _ = align_cohort(odd, meshes)
+    folds = held_out_folds(6, 0, 0)
+    fits = fits_to_held_out(cohort, folds, 4).set_index("case_id")["surface_mm"]
+    rebuilt = generalisation(cohort, SETTINGS, np.random.default_rng(0), folds)
+    at_most_modes = rebuilt[rebuilt["modes"] == 4].set_index("case_id")["surface_mm"]
+    # A model that knew the case would have the wave as a mode, and leave nothing.
+    assert fits["case_03"] > 0.5 * at_most_modes["case_03"] > 0.5

@@ -204,3 +204,21 @@ def test_a_patients_cases_are_held_out_together() -> None:
         held_out_folds(8, 4, 0, [*"aaaabbbb"])
     with pytest.raises(StudyError, match="1 remain when a fold is left out"):
         held_out_folds(4, 0, 0, ["a", "a", "a", "b"])
+
+
+def test_no_mean_is_over_fewer_cases_than_its_neighbours():
+    """A model with both copies of a case has a mode less than one without them."""
+    shapes, meshes = wavy_cohort(5)
+    vertices = np.concatenate([shapes.vertices, shapes.vertices[:1]])
+    ids = (*shapes.case_ids, "copy")
+    both = CorrespondedShapes(vertices, shapes.faces, ids, ids[0])
+    cohort, _ = align_cohort(both, [*meshes, Mesh(vertices[0], shapes.faces, "copy")])
+    settings, errors = EvaluationSettings(points=100), {}
+    for patients in ("abcdea", "abcdef"):
+        folds = held_out_folds(6, 0, 0, [*patients])
+        table = generalisation(cohort, settings, np.random.default_rng(0), folds)
+        assert mean_over_cases(table)["samples"].tolist() == [6, 6, 6]
+        of_case = table[(table["modes"] == 3) & (table["case_id"] == "case_00")]
+        errors[patients] = of_case["correspondence_mm"].item()
+    # A model that holds its copy explains a case for nothing.
+    assert errors["abcdef"] < 0.5 * errors["abcdea"]

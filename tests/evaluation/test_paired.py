@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+from statsmodels.stats.multitest import multipletests
 from synthetic_shapes import wavy_cohort
 
 from ssm_pipeline.evaluation import paired
@@ -12,6 +17,8 @@ from ssm_pipeline.evaluation.aligned_cohort import AlignedCohort
 from ssm_pipeline.evaluation.paired import holm, over_cases, over_left_out_cases
 from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.evaluation.specificity_jackknife import without_each
+from ssm_pipeline.evaluation.unseen import unseen_specificity
+from ssm_pipeline.records import Mesh
 from ssm_pipeline.shape_model.alignment import align
 
 
@@ -106,6 +113,101 @@ def test_models_without_each_case_do_not_look_at_its_mesh() -> None:
     moved = without_each(AlignedCohort(aligned, far), 3, settings, np.random.default_rng(0))
     last = table["left_out"] == aligned.case_ids[-1]
     assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
+
+
+def test_models_without_each_case_do_not_know_its_shape():
+    """The last case as a monster would change every draw of a model that knows it."""
+    shapes, meshes = wavy_cohort(6, subdivisions=2)
+    aligned = align(shapes)[0]
+    own = [
+        dataclasses.replace(mesh, vertices=vertices)
+        for mesh, vertices in zip(meshes, aligned.vertices, strict=True)
+    ]
+    settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=400)
+    vertices = aligned.vertices.copy()
+    vertices[-1] *= [1.0, 1.0, 3.0]
+    tables = [
+        without_each(AlignedCohort(each, own), 3, settings, np.random.default_rng(0))
+        for each in (aligned, dataclasses.replace(aligned, vertices=vertices))
+    ]
+    last = tables[0]["left_out"] == aligned.case_ids[-1]
+    one, other = (table["surface_mm"].to_numpy() for table in tables)
+    # Only the points that choose the candidates lie on the mean of all cases.
+    np.testing.assert_allclose(one[last], other[last], rtol=1e-6)
+    assert not np.isclose(one[~last], other[~last], rtol=1e-2).any()
+
+
+def test_models_without_a_case_are_aligned_again():
+    """Shapes that lie anywhere give the numbers of aligned ones: a model aligns its own cases."""
+    shapes, meshes = wavy_cohort(6, subdivisions=2)
+    settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=400)
+    settings = settings.model_copy(update={"surface_samples": 6})
+    aligned = align(shapes)[0]
+    turn = Rotation.from_euler("z", 40, degrees=True).as_matrix()
+    vertices = aligned.vertices.copy()
+    vertices[1] = vertices[1] @ turn.T + 20
+    cohorts = [
+        AlignedCohort(
+            dataclasses.replace(aligned, vertices=each),
+            [dataclasses.replace(m, vertices=v) for m, v in zip(meshes, each, strict=True)],
+        )
+        for each in (aligned.vertices, vertices)
+    ]
+    held_out = np.array([4, 5])
+    for found in (
+        [without_each(c, 3, settings, np.random.default_rng(0))["surface_mm"] for c in cohorts],
+        [
+            unseen_specificity(c, held_out, 2, settings, np.random.default_rng(0))["surface_mm"]
+            for c in cohorts
+        ],
+    ):
+        np.testing.assert_allclose(found[0], found[1], rtol=0.05)
+
+
+def test_an_interval_of_few_cases_has_their_degrees_of_freedom():
+    """Draws without noise, four cases: the interval is Student's with three degrees of freedom."""
+    left_out = [1.0, 1.3, 0.8, 1.1]
+    rows = [
+        {"left_out": str(case), "half": half, "surface_mm": value}
+        for case, value in enumerate(left_out)
+        for half in (0, 1)
+    ]
+    table = pd.DataFrame(rows)
+    drawn = np.full(50, 2.0)
+    found = over_left_out_cases(table, table.assign(surface_mm=0.0), drawn, np.zeros(50))
+    error = np.sqrt(3 / 4 * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
+    assert (found.high - found.low) / 2 == pytest.approx(stats.t.ppf(0.975, 3) * error, rel=1e-9)
+    assert found.value == 2.0
+    assert found.p == pytest.approx(2 * stats.t.sf(2.0 / error, 3))
+
+
+def test_holm_is_that_of_statsmodels():
+    p = np.random.default_rng(0).uniform(0, 0.2, 9)
+    np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])
+
+
+def test_seen_and_unseen_are_the_nearest_of_equally_many():
+    """The kept meshes are copies, one near and five far: of as many as held out, rarely the near
+    one is drawn, so the seen distance is that to the far ones in some seeds."""
+    shapes, _ = wavy_cohort(8, subdivisions=2)
+    aligned = align(shapes)[0]
+    mean = aligned.vertices.mean(axis=0)
+    away = [0.0, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0, 50.0]
+    meshes = [
+        Mesh(mean + np.array([0, 0, z]), aligned.faces, case_id)
+        for z, case_id in zip(away, aligned.case_ids, strict=True)
+    ]
+    settings = EvaluationSettings(points=100, surface_samples=4, screening_points=40)
+    cohort = AlignedCohort(aligned, meshes)
+    seen = [
+        unseen_specificity(cohort, np.array([6, 7]), 2, settings, np.random.default_rng(seed))[
+            "seen_surface_mm"
+        ]
+        for seed in range(12)
+    ]
+    # Two of six kept ones are drawn: the near one is among them in a third of the seeds.
+    is_near = np.array(seen) < 15
+    assert 0 < is_near.sum() < 9
 
 
 def test_a_patients_cases_are_left_out_together() -> None:

@@ -5,7 +5,12 @@ from synthetic_shapes import lattice, speckles, wavy_cohort
 
 from ssm_pipeline.evaluation.sampling import FixedPoints, spatial_order
 from ssm_pipeline.evaluation.settings import EvaluationSettings
-from ssm_pipeline.evaluation.specificity import drawn_scores, nearest_chamfer, specificity
+from ssm_pipeline.evaluation.specificity import (
+    drawn_scores,
+    nearest_chamfer,
+    nearest_surface,
+    specificity,
+)
 from ssm_pipeline.geometry.distances import PointTarget, SurfaceTarget, surface_distance
 from ssm_pipeline.geometry.surface import sample_points
 from ssm_pipeline.records import Mesh
@@ -156,3 +161,14 @@ def test_points_are_even_and_move_with_the_shape() -> None:
     assert moved == pytest.approx(np.broadcast_to([1.0, 2, 3], moved.shape))
     middle = points.on((first + second) / 2)
     assert middle == pytest.approx((points.on(first) + points.on(second)) / 2)
+
+
+def test_both_distances_are_to_the_same_mesh():
+    """The nearest mesh on average has the larger HD95: one of its corners is far away."""
+    shape = speckles(lattice(4), "shape")
+    spike, apart = shape.vertices.copy(), shape.vertices + np.array([0, 0, 5.0])
+    spike[:12] += [0, 0, 40.0]  # 4 of 64 speckles: 6 %, so that the 95th percentile sees them
+    surfaces = [SurfaceTarget.of(each, shape.faces) for each in (apart, spike)]
+    (found,) = nearest_surface(shape.vertices[None], shape.faces, surfaces, [np.array([0, 1])], 999)
+    assert found[0] == pytest.approx(2.5, abs=0.01)  # 40 · 4 / 64, and not 5
+    assert found[1] == pytest.approx(40.0, abs=0.01)  # and not 5

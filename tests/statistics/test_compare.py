@@ -4,8 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import f as central_f
-from scipy.stats import kstest, ttest_ind
+from scipy.stats import f_oneway, kstest, ttest_ind
 from statsmodels.multivariate.manova import MANOVA
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.multivariate import test_mvmean_2indep as two_sample_t2
 from statsmodels.stats.power import TTestIndPower
 
 from ssm_pipeline.records import CorrespondedShapes, StudyError
@@ -18,6 +20,7 @@ from ssm_pipeline.statistics.effects import (
     explained_share,
 )
 from ssm_pipeline.statistics.permutation import (
+    _split,
     mode_tests,
     multivariate_test,
     procrustes_test,
@@ -37,7 +40,9 @@ def test_the_statistic_and_p_are_those_of_manova() -> None:
     test = multivariate_test(scores, design, [1], 1999, generator)
     frame = pd.DataFrame(scores, columns=["a", "b", "c"]).assign(g=GROUP, age=age)
     result = MANOVA.from_formula("a + b + c ~ g + age", frame).mv_test().results["g"]["stat"]
-    assert test.statistic == pytest.approx(float(result.loc["Hotelling-Lawley trace", "Value"]))
+    trace = float(result.loc["Hotelling-Lawley trace", "Value"])
+    assert test.statistic == pytest.approx(37 * trace)
+    assert test.degrees == (1, 37)
     # Normal scores: the permutation p is the F test's, but for its own scatter √(p(1 − p)/1999).
     p = float(result.loc["Hotelling-Lawley trace", "Pr > F"])
     assert abs(test.p - p) < 4 * np.sqrt(p / 2000) + 0.005
@@ -78,15 +83,17 @@ def test_procrustes_anova_does_not_care_how_the_axes_lie() -> None:
     assert one.p == other.p <= 0.02
     assert one.statistic == pytest.approx(other.statistic)
     shares = explained_share(scores, DESIGN, [1])
-    assert one.statistic == pytest.approx(shares / (1 - shares))
+    assert one.statistic == pytest.approx(38 * shares / (1 - shares))
+    assert one.degrees == (1, 38)
 
 
 def test_a_map_finds_the_vertices_that_move_and_no_others() -> None:
     generator = np.random.default_rng(3)
     vertices = generator.standard_normal((40, 30, 3))
-    vertices[:, :10] += 2.0 * GROUP[:, None, None]
+    vertices[:, :10] += 5.0 * GROUP[:, None, None]
     p = vertex_test(vertices, DESIGN, [1], 199, generator)
-    assert p[:10].max() <= 0.01
+    # No permutation of 199 reaches what was planted; the observed order itself counts as one.
+    assert (p[:10] == 1 / 200).all()
     assert (p[10:] > 0.05).mean() > 0.75
     np.testing.assert_allclose(
         coefficients(vertices, DESIGN)[1], vertices[20:].mean(0) - vertices[:20].mean(0)
@@ -158,8 +165,21 @@ def test_a_whole_comparison() -> None:
     assert [one.name.partition(":")[0] for one in result.maps] == ["group", "age"]
     assert result.maps[0].displacement_mm.shape == (25, 3)
     assert (result.maps[0].q < 0.05).mean() > 0.8
-    assert (result.maps[1].q < 0.05).mean() < 0.2
-    assert (result.modes["change_low_sd"] <= result.modes["change_high_sd"]).all()
+    for _, rows in result.modes.groupby("effect"):
+        np.testing.assert_allclose(rows["q"], multipletests(rows["p"], method="fdr_bh")[1])
+    for each in result.maps:
+        np.testing.assert_allclose(each.q, multipletests(each.p, method="fdr_bh")[1])
+        assert (each.q > each.p).any()
+    # The step of a covariate is 1 SD of it, for the change, for its interval and for the map.
+    age = table["age"].to_numpy()
+    slope = np.linalg.lstsq(design.matrix, model.scores[:, : result.mode_count], rcond=None)[0][2]
+    of_age = result.modes[result.modes["effect"].str.startswith("age")]
+    np.testing.assert_allclose(of_age["change_sd"], slope * age.std(ddof=1))
+    per_year = np.linalg.lstsq(design.matrix, shapes.vertices.reshape(40, -1), rcond=None)[0][2]
+    found = result.maps[1].displacement_mm.ravel()
+    np.testing.assert_allclose(found, per_year * age.std(ddof=1), atol=1e-9)
+    for row in result.modes.itertuples():
+        assert row.change_low_sd < row.change_sd < row.change_high_sd
     assert result.power["effect"][0] == "group: ill against fit"
     again = compare(
         model,
@@ -181,3 +201,92 @@ def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do() -
     few = DESIGN[[0, 20, 1, 21]]
     with pytest.raises(StudyError, match="leave 2 degrees of freedom"):
         modes_carried(model, few)
+
+
+def test_hotellings_t2_is_the_two_sample_statistic():
+    generator = np.random.default_rng(11)
+    scores = generator.standard_normal((40, 3)) + 0.4 * GROUP[:, None]
+    found = multivariate_test(scores, DESIGN, [1], 9, generator).statistic
+    assert found == pytest.approx(two_sample_t2(scores[:20], scores[20:]).t2)
+    apart = scores[20:].mean(axis=0) - scores[:20].mean(axis=0)
+    pooled = (np.cov(scores[:20].T) + np.cov(scores[20:].T)) / 2
+    assert found == pytest.approx(10 * apart @ np.linalg.solve(pooled, apart))
+
+
+def test_procrustes_f_is_that_of_anova_and_of_anderson():
+    """One coordinate: one-way ANOVA. Several: Anderson's pseudo-F of squared distances."""
+    generator = np.random.default_rng(12)
+    groups = np.repeat([0, 1, 2], [10, 14, 16])
+    design = np.column_stack([np.ones(40), groups == 1, groups == 2]).astype(float)
+    values = generator.standard_normal((40, 3)) + groups[:, None] * [0.5, 0.0, 0.2]
+    one = procrustes_test(values[:, :1], design, [1, 2], 9, generator)
+    parts = [values[groups == group, 0] for group in range(3)]
+    assert one.statistic == pytest.approx(f_oneway(*parts).statistic)
+    assert one.degrees == (2, 37)
+    squared = ((values[:, None] - values[None]) ** 2).sum(axis=2)
+    total = squared[np.triu_indices(40)].sum() / 40
+    within = sum(
+        squared[np.ix_(rows, rows)][np.triu_indices(len(rows))].sum() / len(rows)
+        for rows in (np.flatnonzero(groups == group) for group in range(3))
+    )
+    several = procrustes_test(values, design, [1, 2], 9, generator)
+    assert several.statistic == pytest.approx((total - within) / 2 / (within / 37))
+
+
+def test_permutations_are_freedman_and_lanes():
+    """Residuals without the tested column, permuted, and fitted by both models again."""
+    generator = np.random.default_rng(13)
+    count, covariates = 24, 6
+    nuisance = np.column_stack([np.ones(count), generator.standard_normal((count, covariates))])
+    tested = generator.standard_normal(count) + nuisance[:, 1]
+    matrix = np.column_stack([nuisance, tested])
+    scores = generator.standard_normal((count, 2)) + nuisance[:, 1:3]
+
+    def rest(values: np.ndarray, on: np.ndarray) -> np.ndarray:
+        return values - on @ np.linalg.lstsq(on, values, rcond=None)[0]
+
+    def trace(values: np.ndarray) -> float:
+        small, large = (each.T @ each for each in (rest(values, matrix), rest(values, nuisance)))
+        return float(np.trace(np.linalg.solve(small, large - small)))
+
+    residuals = rest(scores, nuisance)
+    fitted = scores - residuals
+    orders = np.random.default_rng(1)
+    drawn = [fitted + residuals[orders.permutation(count)] for _ in range(60)]
+    found = multivariate_test(scores, matrix, [7], 60, np.random.default_rng(1))
+    observed = trace(scores)
+    assert found.statistic == pytest.approx((count - 8) * observed, rel=1e-10)
+    assert found.p == (1 + sum(trace(values) >= observed for values in drawn)) / 61
+    split = _split(scores, matrix, [7])
+    permuted = list(split.permuted(60, np.random.default_rng(1)))[1:]
+    for one, other in zip(permuted, drawn, strict=True):
+        np.testing.assert_allclose(one, rest(other, nuisance), atol=1e-10)
+
+
+def test_p_values_of_modes_count_the_observed_order():
+    planted = 9.0 * GROUP[:, None] + np.random.default_rng(2).standard_normal((40, 2))
+    assert mode_tests(planted, DESIGN, [1], 19, np.random.default_rng(0)).tolist() == [0.05] * 2
+
+
+def test_another_seed_draws_other_permutations_and_intervals():
+    scores = np.random.default_rng(2).standard_normal((40, 3)) + 0.3 * GROUP[:, None]
+    one, other = (
+        (
+            multivariate_test(scores, DESIGN, [1], 199, np.random.default_rng(seed)).p,
+            bootstrap_coefficients(scores, DESIGN, 1, 50, np.random.default_rng(seed))[0].tolist(),
+        )
+        for seed in (0, 1)
+    )
+    assert one[0] != other[0]
+    assert one[1] != other[1]
+
+
+def test_power_for_several_modes_is_how_often_an_effect_is_found():
+    """By the exact F test of T² on normal scores, 400 cohorts: standard error 0.025."""
+    generator = np.random.default_rng(3)
+    found = []
+    for _ in range(400):
+        scores = generator.standard_normal((40, 3))
+        scores[:, 0] += GROUP
+        found.append(two_sample_t2(scores[:20], scores[20:]).pvalue < 0.05)
+    assert np.mean(found) == pytest.approx(power(1.0, DESIGN, 1, 3), abs=0.08)

@@ -105,3 +105,28 @@ def test_numbers_as_groups_are_named_by_the_group_they_are_held_against() -> Non
     (column,) = design_of("~ C(sex, contr.treatment('M'))", stages).columns
     assert column.name == "C(sex, contr.treatment('M')): F against M"
     refused("the group stage = 4 has 2 of 20 cases", "~ C(stage)", stage=[2, 3] * 9 + [4, 4])
+
+
+def test_cells_of_a_file_are_cleaned_typed_and_refused_by_row(tmp_path: Path) -> None:
+    def columns(name: str, cells: list[str]) -> list[str]:
+        rows = "".join(f"{case},{cell}\n" for case, cell in zip(IDS, cells, strict=True))
+        (tmp_path / "t.csv").write_text(f"case_id,{name}\n{rows}")
+        design = design_of(f"~ {name}", matched_to_cases(read_table(tmp_path / "t.csv"), IDS))
+        return [column.name for column in design.columns]
+
+    assert columns("sex", ["M", "F", "F ", "M "] * 5) == ["sex: M against F"]
+    assert columns("asthma", ["None", "mild"] * 10) == ["asthma: mild against None"]
+    assert columns("region", ["NA", "EU"] * 10) == ["region: NA against EU"]
+    assert columns("age", [f'"{50 + k},5"' for k in range(20)])[0].startswith("age: 5.92 more")
+    with pytest.raises(StudyError, match="age holds numbers, but '>89'"):
+        columns("age", [">89", *(str(50 + k) for k in range(19))])
+
+
+def test_rows_of_cases_that_the_run_left_out_are_not_used() -> None:
+    with_dropped = pd.concat([table(), table().iloc[:1].assign(participant_id="dropped")])
+    rows = matched_to_cases(with_dropped, IDS, left_out=["dropped", "another"])
+    assert tuple(rows["case_id"]) == IDS
+    with pytest.raises(StudyError, match=r"not in the model: dropped.*delete the rows of other"):
+        matched_to_cases(with_dropped, IDS)
+    with pytest.raises(StudyError, match=r"in the table: p19.*add the missing rows, or exclude"):
+        matched_to_cases(table()[:19], IDS)
