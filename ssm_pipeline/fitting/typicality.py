@@ -123,7 +123,8 @@ def without_outliers(values: np.ndarray, smallest: float) -> np.ndarray:
     [1.0, 1.2, 0.9, 1.1]
     """
     away = np.abs(values - np.median(values))
-    return values[away <= OUTLYING * max(1.4826 * float(np.median(away)), smallest)]
+    kept: np.ndarray = values[away <= OUTLYING * max(1.4826 * float(np.median(away)), smallest)]
+    return kept
 
 
 def tail_of(value: float, seen: np.ndarray) -> Judged:
