@@ -1,4 +1,4 @@
-"""One template on one case by one of the plain registrations, as a `Correspondence`."""
+"""A template matched to a case by one of the plain registrations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PACKAGES = {"cpd": "rustcpd"}  # of the optional extra `rivals`
 
 
 def missing_package(registration: str) -> str | None:
-    """The package that this registration needs and that is not installed, if there is one.
+    """The package that this registration needs, if it is not installed; else None.
 
     >>> missing_package("affine nearest") is None
     True
@@ -48,6 +48,9 @@ def register(
 
     Returns:
         The correspondence.
+
+    Raises:
+        ValueError: There is no such registration.
     """
     if start is None:
         start = rigid_start(template, case, seed).apply(template.vertices)
@@ -59,8 +62,10 @@ def register(
         from ssm_pipeline.baselines.nricp import nricp_fitted
 
         fitted = nricp_fitted(start, template.faces, case, settings)
-    else:
+    elif registration == "cpd":
         from ssm_pipeline.baselines.coherent_point_drift import cpd_fitted
 
         fitted = cpd_fitted(start, template.faces, case, settings)
+    else:
+        raise ValueError(f"there is no registration {registration!r}")
     return carried_onto(case, template.case_id, fitted, fitted)

@@ -18,6 +18,10 @@ from ssm_pipeline.runs.resumable_training import TrainingWork
 from ssm_pipeline.study.settings import StudySettings
 
 
+class MethodUnavailable(ValueError):
+    """A method that this study or this installation can't have. The message says why."""
+
+
 @dataclass(frozen=True, eq=False)
 class ComparisonInputs:
     """The cases of a study, and the means to work on them and keep the results.

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ssm_pipeline.comparison.inputs import ComparisonInputs
+from ssm_pipeline.comparison.inputs import ComparisonInputs, MethodUnavailable
 from ssm_pipeline.comparison.registrations import register_cases, require_package
 from ssm_pipeline.comparison.s3m_rows import s3m_shapes
 from ssm_pipeline.methods import FULL, Kind, Method, folder_name, method_named
-from ssm_pipeline.records import CaseError, CorrespondedShapes, Correspondence, Mesh
+from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
 from ssm_pipeline.runs.pair_matching import match_mean, match_template, matches_in, round_folder
 from ssm_pipeline.runs.resumable_training import matcher_of_cases
 from ssm_pipeline.runs.run import Run
@@ -52,7 +52,8 @@ def produce(inputs: ComparisonInputs, learned: Learned, name: str) -> MatchedCoh
 
     Raises:
         CaseError: The method can't do a case.
-        MissingPackage: The method needs an optional package that is not installed.
+        MethodUnavailable: It needs an optional package that is not installed, or a network that
+            the study does not have.
     """
     if name in learned.finished:
         return learned.finished[name]()
@@ -86,9 +87,8 @@ def learned_by_run(inputs: ComparisonInputs, run: Run) -> Learned:
 def _by_pairs(inputs: ComparisonInputs, learned: Learned, method: Method) -> MatchedCohort:
     """By `adaptation.correspond`."""
     if method.uses_network and inputs.settings.matching == "none":
-        raise CaseError(
-            "in the comparison",
-            f"the study has no network (matching: none); {method.id} needs one.",
+        raise MethodUnavailable(
+            f"the method {method.id} needs a network, and the study has none (matching: none)"
         )
     matcher, matcher_depends_on = _matcher_of(inputs, learned, method)
     template_id, folder = learned.template.case_id, learned.folder_of(method.id)

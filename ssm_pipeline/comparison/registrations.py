@@ -10,7 +10,7 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.baselines.settings import RegistrationSettings
-from ssm_pipeline.comparison.inputs import ComparisonInputs
+from ssm_pipeline.comparison.inputs import ComparisonInputs, MethodUnavailable
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.methods import Method
@@ -18,18 +18,14 @@ from ssm_pipeline.records import Correspondence, Mesh
 from ssm_pipeline.runs.pair_matching import all_matched
 
 
-class MissingPackage(ValueError):
-    """A method needs a package that is not installed."""
-
-
 def require_package(method: Method) -> None:
-    """Raises MissingPackage, which says what to install."""
+    """Raises MethodUnavailable, which says what to install."""
     from ssm_pipeline.baselines.register import missing_package
 
     package = missing_package(method.base)
     if package:
-        raise MissingPackage(
-            f"the row {method.id} needs the package {package}, which is not installed; "
+        raise MethodUnavailable(
+            f"the method {method.id} needs the package {package}, which is not installed; "
             'pip install "ssm-pipeline[rivals]"'
         )
 

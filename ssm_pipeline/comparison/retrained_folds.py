@@ -16,9 +16,8 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.comparison.inputs import ComparisonInputs, keep_result
+from ssm_pipeline.comparison.inputs import ComparisonInputs, MethodUnavailable, keep_result
 from ssm_pipeline.comparison.producers import Learned, produce
-from ssm_pipeline.comparison.registrations import MissingPackage
 from ssm_pipeline.comparison.scores import SCORES
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.per_case import CaseTask, Row
@@ -77,7 +76,7 @@ def unseen_tables(
     for method in learning_methods(inputs.settings):
         try:
             found = [fold_scores(inputs, fold, method) for fold in folds]
-        except MissingPackage:
+        except MethodUnavailable:
             continue  # reported where the row itself was left out
         for name in TABLES:
             tables[name] += [scores[name].assign(method=method) for scores in found]
@@ -151,7 +150,7 @@ def _template(inputs: ComparisonInputs, matcher_path: Path, kept: Sequence[str])
 
 
 def fold_scores(inputs: ComparisonInputs, fold: Fold, method: str) -> dict[str, pd.DataFrame]:
-    """A method's tables of one fold, up to date. Raises CaseError, MissingPackage."""
+    """A method's tables of one fold, up to date. Raises CaseError, MethodUnavailable."""
     shapes, settings = produce(inputs, fold.learned, method).shapes, inputs.settings
     key = key_of(
         "evaluation",

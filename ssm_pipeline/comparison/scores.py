@@ -10,9 +10,8 @@ from pathlib import Path
 import pandas as pd
 
 from ssm_pipeline import storage
-from ssm_pipeline.comparison.inputs import ComparisonInputs, keep_result
+from ssm_pipeline.comparison.inputs import ComparisonInputs, MethodUnavailable, keep_result
 from ssm_pipeline.comparison.producers import Learned, produce, template_as_matched
-from ssm_pipeline.comparison.registrations import MissingPackage
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.methods import folder_name
@@ -35,15 +34,14 @@ def score_methods(
 ) -> ScoredMethods:
     """Make the shapes of each method and score them; what is up to date is read.
 
-    A method that can't do a case, or whose package is missing, is left out and does not end the
-    study.
+    A method that can't do a case or is unavailable is left out, and the study continues.
     """
     scores: dict[str, Metrics] = {}
     left_out: dict[str, str] = {}
     for name in names:
         try:
             matched = produce(inputs, learned, name)
-        except (CaseError, MissingPackage) as error:
+        except (CaseError, MethodUnavailable) as error:
             inputs.terminal.detail(f"{name} left out: {error}")
             left_out[name] = str(error)
             continue

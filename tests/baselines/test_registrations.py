@@ -64,3 +64,9 @@ def test_a_package_that_is_absent_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert registering.missing_package("cpd") == "rustcpd"
     assert registering.missing_package("nricp") is None
+
+
+def test_an_unknown_registration_is_refused() -> None:
+    mesh = blob(1, faces=60)
+    with pytest.raises(ValueError, match="no registration 'icp'"):
+        register(mesh, mesh, "icp", SETTINGS, mesh.vertices, 0)

@@ -6,6 +6,8 @@ import dataclasses
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -18,7 +20,7 @@ from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.comparison import producers
-from ssm_pipeline.comparison.inputs import ComparisonInputs
+from ssm_pipeline.comparison.inputs import ComparisonInputs, MethodUnavailable
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.methods import FULL, METHODS, Method
@@ -85,3 +87,11 @@ def test_an_unknown_name_is_refused_with_the_nearest_one():
         ComparisonSettings(methods=("S3N",))
     with pytest.raises(ValueError, match="no method 'true correspondence'"):
         ComparisonSettings(methods=("true correspondence",))
+
+
+def test_a_method_that_needs_a_network_is_unavailable_without_one(tmp_path: Path) -> None:
+    settings = tiny_settings(tmp_path).model_copy(update={"matching": "none"})
+    inputs = cast(ComparisonInputs, SimpleNamespace(settings=settings))
+    learned = producers.Learned(tmp_path / "m.pt", (), blob(1, faces=60), None, tmp_path)
+    with pytest.raises(MethodUnavailable, match=r"network start needs a network.*matching: none"):
+        producers.produce(inputs, learned, "network start")
