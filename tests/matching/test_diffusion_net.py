@@ -97,8 +97,11 @@ def test_each_map_leads_in_the_direction_of_its_name() -> None:
     A, B = x.projection @ F_x, y.projection @ F_y
     # With A A^T well conditioned and the penalty small, C_xy takes X's coefficients to Y's.
     free = SETTINGS.model_copy(update={"resolvent_weight": 0.0})
-    C_xy = match_pair(x, y, F_x, F_y, free).C_xy
-    torch.testing.assert_close(C_xy, B @ torch.linalg.pinv(A), rtol=1e-6, atol=1e-6)
+    found = match_pair(x, y, F_x, F_y, free)
+    torch.testing.assert_close(found.C_xy, B @ torch.linalg.pinv(A), rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(found.C_yx, A @ torch.linalg.pinv(B), rtol=1e-6, atol=1e-6)
+    Pi_xy = (unit_x @ unit_y.T / SETTINGS.temperature).softmax(dim=1)
+    torch.testing.assert_close(pair.P_yx, x.projection @ Pi_xy @ y.eigenvectors)
 
 
 def test_features_are_standardised_by_area() -> None:
