@@ -39,7 +39,8 @@ def read_statismo(path: Path) -> ShapeModel:
             return _model_in(hdf5_of_json(content, path), path)
         with h5py.File(io.BytesIO(content), "r") as file:
             return _model_in(file, path)
-    except (OSError, RuntimeError, KeyError) as error:  # h5py, by where the damage is
+    # What h5py raises depends on where the damage is.
+    except (OSError, RuntimeError, KeyError, OverflowError) as error:
         raise StudyError(f"{path} is no HDF5 file, or is damaged: {error}.") from error
 
 
