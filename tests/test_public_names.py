@@ -26,6 +26,9 @@ FUNCTIONS = sorted(
 WITHOUT_EXAMPLE = {"load_run", "run"}
 
 
+QUICK = ssm.AdaptationSettings(samples=2000, steps=3)
+
+
 def test_every_public_name_is_there_and_no_other() -> None:
     for name in ssm.__all__:
         assert getattr(ssm, name) is not None
@@ -85,7 +88,7 @@ def test_from_surfaces_in_memory_to_a_model_and_its_scores(tmp_path: Path) -> No
     """All steps together; each step's correctness is tested beside its package."""
     meshes = [blob(seed, faces=900, case_id=f"case_{seed}") for seed in range(4)]
     matcher = ssm.train(meshes, steps=2, device="cpu")
-    shapes = ssm.match_cohort(meshes, matcher, rounds=1, seed=3)
+    shapes = ssm.match_cohort(meshes, matcher, rounds=1, settings=QUICK, seed=3)
     assert shapes.case_ids == tuple(mesh.case_id for mesh in meshes)
     model = ssm.build_model(shapes)
     model.save(tmp_path / "blobs.npz")
@@ -115,7 +118,9 @@ def test_from_surfaces_in_memory_to_a_model_and_its_scores(tmp_path: Path) -> No
 def test_the_seed_reaches_the_points_that_matching_draws() -> None:
     meshes = [blob(seed, faces=900, case_id=f"case_{seed}") for seed in range(3)]
     first, again, other = (
-        ssm.match_cohort(meshes, None, method="adaptation only", rounds=1, seed=seed).vertices
+        ssm.match_cohort(
+            meshes, None, method="adaptation only", rounds=1, settings=QUICK, seed=seed
+        ).vertices
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)

@@ -62,6 +62,12 @@ def tiny_settings(masks: Path, steps: int = 6) -> StudySettings:
     )
 
 
+def without_comparison(settings: StudySettings) -> StudySettings:
+    """The same study with its own row alone, where other rows show nothing."""
+    comparison = settings.comparison.model_copy(update={"methods": ()})
+    return settings.model_copy(update={"comparison": comparison})
+
+
 def run_tiny(
     masks: Path, runs: Path, steps: int = 6, terminal: Terminal | None = None, jobs: int = 1
 ) -> Path:

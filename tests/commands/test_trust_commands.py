@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from command_line import Workflow
-from tiny_study import NAME, run_tiny, tiny_settings, write_balls
+from tiny_study import NAME, run_tiny, tiny_settings, without_comparison, write_balls
 
 from ssm_pipeline.commands.forget_case import forget_case
 from ssm_pipeline.commands.run_status import work_in_hand
@@ -216,12 +216,14 @@ def test_a_second_export_holds_nothing_of_a_case_left_out_since(
     workflow: Workflow, tiny_run: Path, tmp_path: Path
 ) -> None:
     masks = write_balls(tmp_path / "masks", 5)
-    folder, export = run_tiny(masks, tmp_path / "runs"), tmp_path / "export"
+    export, options = tmp_path / "export", RunOptions(tmp_path / "runs")
+    settings = without_comparison(tiny_settings(masks))
+    folder = run_study(NAME, settings, options, Terminal())
     assert workflow("export", NAME, "--to", str(export), "--format", "shapeworks,npz").code == 0
     mine = export / "notes.txt"
     mine.write_text("mine")
     (masks / "ball_1.nii.gz").unlink()
-    run_study(NAME, tiny_settings(masks), RunOptions(folder.parent), Terminal())
+    run_study(NAME, settings, options, Terminal())
     assert [path for path in folder.rglob("*") if "ball_1" in path.name] == []
     assert workflow("export", NAME, "--to", str(export), "--format", "shapeworks").code == 0
     assert [path for path in export.rglob("*") if "ball_1" in path.name] == []

@@ -20,6 +20,7 @@ from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 
 
+@pytest.mark.slow  # the engine's own tests lose a worker of a toy study
 def test_a_run_on_a_cluster_that_loses_a_worker_leaves_the_bytes_of_one_machine(
     tiny_run: Path, tmp_path: Path
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
-from tiny_study import run_tiny, tiny_settings, write_balls
+from tiny_study import run_tiny, tiny_settings, without_comparison, write_balls
 
 import ssm_pipeline
 from ssm_pipeline.commands.run_study import run_study
@@ -185,7 +185,10 @@ def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: P
     empty = sitk.GetImageFromArray(np.zeros((10, 10, 10), dtype=np.uint8))
     sitk.WriteImage(empty, str(masks / "ball_nobody.nii.gz"))
     terminal, said = listening()
-    run = ssm_pipeline.load_run(run_tiny(masks, tmp_path / "runs", steps=1, terminal=terminal))
+    settings = without_comparison(tiny_settings(masks, steps=1))
+    run = ssm_pipeline.load_run(
+        run_study("balls", settings, RunOptions(tmp_path / "runs"), terminal)
+    )
     assert "4 of 5 cases" in said.getvalue()
     assert "dropped ball_nobody: " in said.getvalue()
     assert [case.case_id for case in run.dropped] == ["ball_nobody"]

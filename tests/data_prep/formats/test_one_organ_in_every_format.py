@@ -71,7 +71,7 @@ def test_a_bean(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="../shared/data/luna16 is not here")
-@pytest.mark.parametrize("number", [1, 20])
+@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.slow), 20])
 def test_left_lungs(tmp_path: Path, number: int) -> None:
     mask = cropped(luna16.find_cases(REAL).cases[number].load())
     check(mask, tmp_path, surface_mm=1.0)  # triangles of 12 mm, cut anew
