@@ -14,7 +14,7 @@ CORPUS = sorted((Path(__file__).parent / "corpus").iterdir())
 
 def reader_of(path: Path) -> Callable[[Path], object]:
     if path.name.endswith(".mrk.json"):
-        from ssm_pipeline.runs.landmark_file import read_landmarks
+        from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 
         return read_landmarks
     if path.suffix == ".mha":

@@ -190,7 +190,7 @@ def write_markups(folder: Path) -> Path:
 
 
 def read_markups(path: Path) -> object:
-    from ssm_pipeline.runs.landmark_file import read_landmarks
+    from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 
     return read_landmarks(path)
 

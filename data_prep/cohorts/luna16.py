@@ -18,7 +18,8 @@ from ssm_pipeline.data_prep.cohorts.sides import load_mirrored
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix, is_image
 from ssm_pipeline.data_prep.formats.images import read_labels
 from ssm_pipeline.data_prep.formats.label_images import LabelImage
-from ssm_pipeline.data_prep.formats.organ_masks import select_labels
+from ssm_pipeline.data_prep.formats.organ_masks import mask_diagonal, select_labels
+from ssm_pipeline.data_prep.formats.organ_size import check_size
 from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError, Surface
 
 Side = Literal["left", "right", "both"]
@@ -75,6 +76,7 @@ def _load(path: Path, side: Side, case_id: str, allow_truncated: bool) -> Mask:
     image = read_labels(path, case_id)
     label = LEFT if side == "left" else RIGHT
     mask = select_labels(image, (label,), f"{side} lung", allow_truncated)
+    check_size(mask_diagonal(mask), case_id, f"the {side} lung in {path.name}")
     if _sides_swapped(image):
         warning = (
             f"label {LEFT} (left lung) lies to the patient's right of label {RIGHT}: the sides "

@@ -18,6 +18,7 @@ from ssm_pipeline.data_prep.cohorts.selection import (
 from ssm_pipeline.data_prep.cohorts.sides import mirror_side
 from ssm_pipeline.data_prep.formats.image_files import image_stem, is_image
 from ssm_pipeline.data_prep.formats.images import read_organ
+from ssm_pipeline.data_prep.formats.organ_size import Unit
 from ssm_pipeline.data_prep.formats.segments import is_segmentation, read_segments
 from ssm_pipeline.records import CaseSource, Cohort, Mask, StudyError
 
@@ -32,6 +33,7 @@ class Organ:
         threshold: In place of labels: the voxels above it, of a probability map.
         name: In messages.
         allow_truncated: Whether one that touches the image border is kept, with a warning.
+        unit: Of the files' lengths. None: as stated, else mm if the size fits.
     """
 
     labels: tuple[int, ...] = (1,)
@@ -39,13 +41,22 @@ class Organ:
     threshold: float | None = None
     name: str = "organ"
     allow_truncated: bool = True
+    unit: Unit | None = None
 
     def read(self, path: Path, case_id: str) -> Mask:
         """Raises CaseError for a file that can't be read or lacks the organ."""
         if self.segments:
-            return read_segments(path, self.segments, case_id, self.allow_truncated, self.threshold)
+            return read_segments(
+                path, self.segments, case_id, self.allow_truncated, self.threshold, self.unit
+            )
         return read_organ(
-            path, self.labels, case_id, self.name, self.allow_truncated, self.threshold
+            path,
+            self.labels,
+            case_id,
+            self.name,
+            self.allow_truncated,
+            self.threshold,
+            self.unit,
         )
 
 

@@ -18,6 +18,7 @@ from ssm_pipeline.data_prep.cohorts.selection import (
     unique_by_id,
 )
 from ssm_pipeline.data_prep.cohorts.sides import mirror_side
+from ssm_pipeline.data_prep.formats.organ_size import MM_OF, Unit, check_size, diagonal_of
 from ssm_pipeline.data_prep.formats.surface_files import (
     RAS_TO_LPS,
     SUFFIXES,
@@ -26,11 +27,7 @@ from ssm_pipeline.data_prep.formats.surface_files import (
 )
 from ssm_pipeline.records import CaseError, CaseSource, Cohort, Surface
 
-Unit = Literal["mm", "cm", "m"]
 Space = Literal["LPS", "RAS"]
-MM_OF: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-# The diagonal of what could be an organ: a stapes is 4 mm long; a body 2 m.
-SMALLEST_MM, LARGEST_MM = 2.0, 3000.0
 
 
 def find_cases(
@@ -91,23 +88,5 @@ def read_surface(
         points = points * RAS_TO_LPS
     surface = Surface(points, faces, case_id)
     if unit is None:
-        _check_size(surface, path)
+        check_size(diagonal_of(points[np.unique(faces)]), case_id, path.name)
     return surface
-
-
-def _check_size(surface: Surface, path: Path) -> None:
-    used = surface.vertices[np.unique(surface.faces)]
-    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
-    if SMALLEST_MM <= diagonal <= LARGEST_MM:
-        return
-    if diagonal > LARGEST_MM:
-        guess = "micrometres? Convert the files to millimetres"
-    else:
-        likely = "m" if diagonal < 0.5 else "cm"
-        name = {"m": "metres", "cm": "centimetres"}[likely]
-        guess = f"{name}? Set data.unit to {likely}"
-    raise CaseError(
-        surface.case_id,
-        f"{path.name} is {diagonal:.3g} across, which is no organ's size in millimetres. Are they "
-        f"{guess}, or data.unit to mm if it is right as it is.",
-    )

@@ -16,10 +16,17 @@ import numpy as np
 from ssm_pipeline.data_prep.formats.damaged import damaged
 from ssm_pipeline.data_prep.formats.metaimage_header import check_metaimage
 from ssm_pipeline.data_prep.formats.nifti import NiftiFile, read_nifti_header
+from ssm_pipeline.data_prep.formats.organ_size import Unit
 from ssm_pipeline.records import CaseError
 
 SUFFIXES = (".mhd", ".mha", ".seg.nrrd", ".nrrd", ".nii.gz", ".nii")
 _CHUNK = 1 << 22
+_UNITS: dict[str, Unit] = {
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("um", "\xb5m", "micron", "microns", "micrometer", "micrometers"), "um"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+}
 
 
 def image_suffix(path: Path) -> str | None:
@@ -107,6 +114,19 @@ def check_voxels(path: Path, case_id: str, voxels: np.ndarray) -> None:
         raise damaged(data_path, case_id, "the compressed data end too early")
 
 
+def stated_unit(path: Path) -> Unit | None:
+    """The unit of lengths that a NRRD or MetaImage header states; SimpleITK does not read it."""
+    suffix = image_suffix(path)
+    if suffix in (".mhd", ".mha"):
+        text = _metaimage_header(path)[0].get("DistanceUnits", "")
+    elif suffix in (".nrrd", ".seg.nrrd"):
+        text = _nrrd_header(path)[0].get("space units", "")
+    else:
+        return None
+    words = {_UNITS.get(word.strip('"').lower()) for word in text.split()}
+    return words.pop() if len(words) == 1 else None
+
+
 def _check_zlib_start(path: Path, start: int, case_id: str) -> None:
     """Refuse what asks for a dictionary: MetaIO asks zlib to go on, for ever."""
     with path.open("rb") as file:
@@ -128,14 +148,22 @@ def _compressed_stream(path: Path) -> tuple[Path, int, int] | None:
             return path, header_bytes, zlib.MAX_WBITS
         return path.parent / name, 0, zlib.MAX_WBITS
     if suffix in (".nrrd", ".seg.nrrd"):
-        compressed = False
-        with path.open("rb") as file:
-            for line in file:
-                if not line.strip():  # a blank line ends the header
-                    return (path, file.tell(), 16 + zlib.MAX_WBITS) if compressed else None
-                key, _, value = line.decode("latin-1").partition(":")
-                compressed |= key == "encoding" and value.strip().lower() in ("gzip", "gz")
+        fields, header_bytes = _nrrd_header(path)
+        if fields.get("encoding", "").lower() in ("gzip", "gz"):
+            return path, header_bytes, 16 + zlib.MAX_WBITS
     return None
+
+
+def _nrrd_header(path: Path) -> tuple[dict[str, str], int]:
+    """The header's fields and its length in bytes."""
+    fields: dict[str, str] = {}
+    with path.open("rb") as file:
+        for line in file:
+            if not line.strip():  # a blank line ends the header
+                break
+            key, _, value = line.decode("latin-1").partition(":")
+            fields[key.strip().lower()] = value.strip()
+        return fields, file.tell()
 
 
 def _metaimage_header(path: Path) -> tuple[dict[str, str], int]:

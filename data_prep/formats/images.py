@@ -8,25 +8,37 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from ssm_pipeline.data_prep.formats.image_files import check_header, check_voxels
+from ssm_pipeline.data_prep.formats.image_files import check_header, check_voxels, stated_unit
 from ssm_pipeline.data_prep.formats.image_memory import needed_gb, needed_gb_of, refuse_too_large
-from ssm_pipeline.data_prep.formats.label_images import LabelImage, place
+from ssm_pipeline.data_prep.formats.label_images import LabelImage, place, scaled
 from ssm_pipeline.data_prep.formats.nifti import NiftiFile
-from ssm_pipeline.data_prep.formats.organ_masks import select_labels
+from ssm_pipeline.data_prep.formats.organ_masks import mask_diagonal, select_labels
+from ssm_pipeline.data_prep.formats.organ_size import MM_OF, Unit, check_size
 from ssm_pipeline.records import CaseError, Mask
 
 
-def read_labels(path: Path, case_id: str) -> LabelImage:
-    """Read `.mhd`, `.mha`, `.nrrd`, `.nii` or `.nii.gz`. SimpleITK gives LPS for all of them.
+def read_labels(path: Path, case_id: str, unit: Unit | None = None) -> LabelImage:
+    """Read `.mhd`, `.mha`, `.nrrd`, `.nii` or `.nii.gz`, in mm LPS.
+
+    Args:
+        unit: Of the file's lengths. None: what the file states, else millimetres.
 
     Raises:
-        CaseError: For a file that is missing, damaged, not 3D, or without a usable spacing.
+        CaseError: the file is missing, damaged, not 3D, or without a usable spacing.
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
     nifti = check_header(path, case_id)
     if nifti is not None and nifti.misleads_itk:
-        return _read_nifti(nifti)
+        found = _read_nifti(nifti)
+    else:
+        found = _read_by_itk(path, case_id)
+    if nifti is not None:
+        return found if unit is None else scaled(found, MM_OF[unit] / nifti.unit_mm)
+    return scaled(found, MM_OF[unit or stated_unit(path) or "mm"])
+
+
+def _read_by_itk(path: Path, case_id: str) -> LabelImage:
     image = read_image(path, case_id)
     _check_three_dimensions(image.GetSize(), image.GetNumberOfComponentsPerPixel(), path, case_id)
     labels = sitk.GetArrayFromImage(image)
@@ -86,6 +98,16 @@ def read_organ(
     organ: str = "organ",
     allow_truncated: bool = True,
     threshold: float | None = None,
+    unit: Unit | None = None,
 ) -> Mask:
-    """Read one file and select its organ; raises as `read_labels` and `select_labels` do."""
-    return select_labels(read_labels(path, case_id), labels, organ, allow_truncated, threshold)
+    """Read one file and select its organ.
+
+    Raises:
+        CaseError: as `read_labels` and `select_labels` do; and, without `unit`, for a size that no
+            organ has in millimetres.
+    """
+    image = read_labels(path, case_id, unit)
+    mask = select_labels(image, labels, organ, allow_truncated, threshold)
+    if unit is None:
+        check_size(mask_diagonal(mask), case_id, f"the {organ} in {path.name}")
+    return mask

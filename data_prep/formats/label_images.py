@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,3 +45,10 @@ def place(
             "grid is needed. Resample it to one, or export it again.",
         )
     return LabelImage(labels, spacing, affine[:3, 3], direction, case_id, warnings)
+
+
+def scaled(image: LabelImage, factor: float) -> LabelImage:
+    """The image with all lengths multiplied by a factor."""
+    if factor == 1:
+        return image
+    return replace(image, spacing_mm=factor * image.spacing_mm, origin_mm=factor * image.origin_mm)

@@ -56,13 +56,17 @@ class NiftiFile:
             or self._voxels_apart() > SAME_PLACE
         )
 
+    @property
+    def unit_mm(self) -> float:
+        """The unit of lengths that the header states, in mm; SimpleITK applies it too."""
+        return _UNITS_MM.get(int(self.header["xyzt_units"]) & 7, 1.0)
+
     def affine_lps(self) -> np.ndarray:
         """(4, 4): voxel index x, y, z → mm LPS, by sform, else qform, else voxel sizes alone."""
         sform, qform = self._forms()
         sizes = np.asarray(self.header["pixdim"][1:4], float)
         affine = next((form for form in (sform, qform) if form is not None), np.diag([*sizes, 1.0]))
-        unit_mm = _UNITS_MM.get(int(self.header["xyzt_units"]) & 7, 1.0)
-        result: np.ndarray = RAS_TO_LPS @ np.diag([unit_mm] * 3 + [1.0]) @ affine
+        result: np.ndarray = RAS_TO_LPS @ np.diag([self.unit_mm] * 3 + [1.0]) @ affine
         return result
 
     def _forms(self) -> tuple[np.ndarray | None, np.ndarray | None]:

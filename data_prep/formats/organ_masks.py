@@ -161,3 +161,13 @@ def border_contact(voxels: np.ndarray) -> str:
     if not touched:
         return ""
     return f"{len(touched)} border slice{'s' * (len(touched) > 1)} ({', '.join(touched)})"
+
+
+def mask_diagonal(mask: Mask) -> float:
+    """Of the box of voxels around the organ, in mm."""
+    lengths = []
+    for axis in range(3):
+        others = tuple(other for other in range(3) if other != axis)
+        used = np.flatnonzero(mask.voxels.any(axis=others))
+        lengths.append(used[-1] - used[0] + 1)
+    return float(np.linalg.norm(np.array(lengths)[::-1] * mask.spacing_mm))

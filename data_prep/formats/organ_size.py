@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from ssm_pipeline.records import CaseError
+
 Unit = Literal["um", "mm", "cm", "m"]
 MM_OF: dict[Unit, float] = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 NAMES: dict[Unit, str] = {
@@ -34,3 +36,15 @@ def likely_unit(diagonal: float) -> Unit | None:
 def diagonal_of(points: np.ndarray) -> float:
     """Of the box around points (N, 3) that is parallel to the axes, in the points' unit."""
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+
+
+def check_size(diagonal: float, case_id: str, name: str) -> None:
+    """Raise CaseError for a diagonal that no organ has in millimetres; `name` says of what."""
+    unit = likely_unit(diagonal)
+    if unit is not None:
+        raise CaseError(
+            case_id,
+            f"{name} is {diagonal:.3g} across, which is no organ's size in millimetres. Is it in "
+            f"{NAMES[unit]}? Set data.unit to {unit} (of one file: --unit {unit}), or to mm if it "
+            "is right as it is.",
+        )

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ssm_pipeline.data_prep.formats.dicom_seg import is_dicom_seg, read_dicom_segments
-from ssm_pipeline.data_prep.formats.image_files import image_suffix, is_image
-from ssm_pipeline.data_prep.formats.label_images import LabelImage
-from ssm_pipeline.data_prep.formats.organ_masks import organ_mask, select_labels
+from ssm_pipeline.data_prep.formats.image_files import image_suffix, is_image, stated_unit
+from ssm_pipeline.data_prep.formats.label_images import LabelImage, scaled
+from ssm_pipeline.data_prep.formats.organ_masks import mask_diagonal, organ_mask, select_labels
+from ssm_pipeline.data_prep.formats.organ_size import MM_OF, Unit, check_size
 from ssm_pipeline.data_prep.formats.slicer_segments import Segments, read_slicer_segments
 from ssm_pipeline.records import CaseError, Mask
 
@@ -32,6 +33,7 @@ def read_segments(
     case_id: str,
     allow_truncated: bool = True,
     threshold: float | None = None,
+    unit: Unit | None = None,
 ) -> Mask:
     """The union of the named segments as a Mask. Upper and lower case count as the same.
 
@@ -40,10 +42,11 @@ def read_segments(
 
     Args:
         threshold: For fractional DICOM SEG: a voxel above it is organ.
+        unit: Of the file's lengths. None: what it states, else mm, if the size could be an organ's.
 
     Raises:
-        CaseError: For a damaged file, one without names, and a segment that is not there or there
-            twice.
+        CaseError: the file is damaged, names no segments, lacks one of them or has it twice, or
+            its organ has a size that no organ has in millimetres.
     """
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
@@ -52,12 +55,26 @@ def read_segments(
     else:
         segments = read_slicer_segments(path, case_id)
         threshold = None  # a segment is a label there, never a share
+    factor = MM_OF[unit or (stated_unit(path) if image_suffix(path) else None) or "mm"]
+    segments = [(name, scaled(image, factor), value) for name, image, value in segments]
     chosen = [_match(name, segments, path, case_id) for name in names]
     _refuse_equal_segments(names, chosen, segments, threshold, path, case_id)
     masks = [
         select_labels(image, (value,), name, threshold=threshold)
         for name, (image, value) in zip(names, chosen, strict=True)
     ]
+    whole = _united(names, chosen, masks, allow_truncated)
+    if unit is None:
+        check_size(mask_diagonal(whole), case_id, f"{' + '.join(names)} in {path.name}")
+    return whole
+
+
+def _united(
+    names: tuple[str, ...],
+    chosen: list[tuple[LabelImage, int]],
+    masks: list[Mask],
+    allow_truncated: bool,
+) -> Mask:
     if len(masks) == 1:
         return organ_mask(chosen[0][0], masks[0].voxels, names[0], allow_truncated)
     parts = np.zeros(masks[0].voxels.shape, np.int32)

@@ -75,8 +75,8 @@ def fit(
         typer.Option("--segment", help="Its name, in .seg.nrrd and DICOM SEG.", show_default=False),
     ] = None,
     unit: Annotated[
-        Literal["mm", "cm", "m"] | None,
-        typer.Option(help="Of surfaces; the study's own.", show_default=False),
+        Literal["um", "mm", "cm", "m"] | None,
+        typer.Option(help="Of the files' lengths; the study's own.", show_default=False),
     ] = None,
     mirror: Annotated[
         bool, typer.Option("--mirror", help="Reflect them, as data.mirror does with one side.")
@@ -121,7 +121,7 @@ def transfer(
     run_folder: RunFolder,
     landmarks: Annotated[
         Path | None,
-        typer.Option(help="Slicer's .mrk.json, on the template.", show_default=False),
+        typer.Option(help="Slicer's .mrk.json or .fcsv, on the template.", show_default=False),
     ] = None,
     labels: Annotated[
         Path | None,

@@ -134,7 +134,7 @@ def init(
         typer.Option(help="Of probability maps: organ is above it.", show_default=False),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(help="Of the surfaces: mm, cm or m.", show_default=False)
+        str | None, typer.Option(help="Of the files' lengths: um, mm, cm or m.", show_default=False)
     ] = None,
     mirror: Annotated[
         str | None,

@@ -51,7 +51,7 @@ _OF_MASKS = {
 _OF_MESHES = {
     "source": "a folder of surfaces: .ply, .stl, .obj, .off, .vtk, .vtp",
     "folder": "",
-    "unit": "of the files: mm, cm or m; null: mm, if the size could be an organ's",
+    "unit": "of the files' lengths: um, mm, cm or m; null: as stated, else mm if the size fits",
     "space": "LPS or RAS, of files that don't say it; null: LPS",
     "pattern": 'glob below the folder, as "*/liver.stl"; null: its files',
     "mirror": "left or right: that side is reflected; null: none",

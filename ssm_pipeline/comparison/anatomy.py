@@ -11,11 +11,12 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
+from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, Metrics, StudyError, SurfaceLabels
-from ssm_pipeline.runs.landmark_file import FARTHEST_SHARE, read_landmarks
+from ssm_pipeline.runs.landmark_file import FARTHEST_SHARE
 from ssm_pipeline.study.settings import StudySettings
 
 PAIRS = (

@@ -18,8 +18,15 @@ MARKUPS_SCHEMA = (
 )
 
 
-def markups(names: Sequence[str], positions: np.ndarray) -> dict[str, Any]:
-    """The content of a `.mrk.json`: a point list of positions (L, 3) mm LPS."""
+def markups(
+    names: Sequence[str], positions: np.ndarray, remarks: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """The content of a `.mrk.json`: a point list of positions (L, 3) mm LPS.
+
+    Args:
+        remarks: `(L,)`, the points' descriptions. None: no description.
+    """
+    remarks = [""] * len(names) if remarks is None else remarks
     return {
         "@schema": MARKUPS_SCHEMA,
         "markups": [
@@ -31,11 +38,12 @@ def markups(names: Sequence[str], positions: np.ndarray) -> dict[str, Any]:
                     {
                         "id": str(number),
                         "label": name,
+                        "description": remark,
                         "position": [round(float(value), 4) for value in position],
                         "positionStatus": "defined",
                     }
-                    for number, (name, position) in enumerate(
-                        zip(names, positions, strict=True), start=1
+                    for number, (name, position, remark) in enumerate(
+                        zip(names, positions, remarks, strict=True), start=1
                     )
                 ],
             }
@@ -72,16 +80,27 @@ def read_vertex_labels(path: Path, vertex_count: int) -> np.ndarray:
 
 
 def write_labelled_surface(
-    vertices: np.ndarray, faces: np.ndarray, labels: np.ndarray, path: Path
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    labels: np.ndarray,
+    path: Path,
+    observed: np.ndarray | None = None,
 ) -> None:
-    """A `.vtp` with the point array `label`: 1, 2 … in the order of the labels' names, 0 for none;
-    the names stand in the field array `label_names`."""
+    """A `.vtp` with the point array `label`: 1, 2 … in the order of the labels' names, 0 for none.
+
+    The names are in the field array `label_names`.
+
+    Args:
+        observed: `(V,)` bool, of a fitted patient: written as a point array. None: left out.
+    """
     import pyvista
 
     names = sorted({label for label in labels if label})
     code = {name: number for number, name in enumerate(names, start=1)} | {"": 0}
     mesh = pyvista.PolyData.from_regular_faces(vertices, faces)
     mesh.point_data["label"] = np.array([code[label] for label in labels], dtype=np.int32)
+    if observed is not None:
+        mesh.point_data["observed"] = observed.astype(np.int32)
     mesh.field_data["SPACE"] = ["LPS"]
     mesh.field_data["UNIT"] = ["mm"]
     mesh.field_data["label_names"] = names

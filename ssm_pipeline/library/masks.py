@@ -11,7 +11,8 @@ import numpy.typing as npt
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
 from ssm_pipeline.data_prep.formats.images import read_labels
 from ssm_pipeline.data_prep.formats.label_images import LabelImage
-from ssm_pipeline.data_prep.formats.organ_masks import select_labels
+from ssm_pipeline.data_prep.formats.organ_masks import mask_diagonal, select_labels
+from ssm_pipeline.data_prep.formats.organ_size import check_size
 from ssm_pipeline.data_prep.formats.segments import is_segmentation, read_segments
 from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
 from ssm_pipeline.meshing.settings import MeshingSettings
@@ -86,7 +87,10 @@ def read_mask(
         if image_suffix(path) is None and is_segmentation(path):
             raise CaseError(case_id, f"{path.name} is a DICOM SEG. Pass segments=NAME.")
         image = read_labels(path, case_id)
-    return select_labels(image, _chosen_labels(image, labels, threshold), threshold=threshold)
+    mask = select_labels(image, _chosen_labels(image, labels, threshold), threshold=threshold)
+    if not isinstance(source, np.ndarray):
+        check_size(mask_diagonal(mask), mask.case_id, f"the organ in {Path(source).name}")
+    return mask
 
 
 def mesh_from_mask(mask: Mask, settings: MeshingSettings | None = None) -> Mesh:

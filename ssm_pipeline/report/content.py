@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.data_prep.formats.landmarks import Landmarks
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
 from ssm_pipeline.report.case_names import short_names
-from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.statistics.compare import ShapeComparison
 

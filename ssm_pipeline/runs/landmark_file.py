@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ssm_pipeline import storage
+from ssm_pipeline.data_prep.formats.landmarks import Landmarks, read_landmarks
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.records import DamagedFile, StudyError
-from ssm_pipeline.report.landmarks import Landmarks, landmarks_from_markups
+from ssm_pipeline.records import StudyError
 from ssm_pipeline.runs.run import Run
 
 # Of the template's diagonal. A point placed by hand lies within a voxel or two of the surface; one
@@ -17,39 +16,20 @@ from ssm_pipeline.runs.run import Run
 FARTHEST_SHARE = 0.05
 
 
-def read_landmarks(path: Path, setting: str = "report.landmarks") -> Landmarks:
-    """Landmarks of a Slicer `.mrk.json`.
+def landmarks_on_template(path: Path, run: Run, setting: str = "report.landmarks") -> Landmarks:
+    """`read_landmarks`, checked against the template's surface.
 
     Args:
-        setting: That names the file, for the message.
+        setting: What names the file, for messages: a setting or an option.
 
     Raises:
-        StudyError: If it is missing or unreadable.
+        StudyError: the file can't be read, or a point is far from the template.
     """
-    advice = f"Save it from 3D Slicer's Markups as .mrk.json, or leave {setting} out."
-    try:
-        return landmarks_from_markups(storage.read_json(path))
-    except DamagedFile as error:
-        raise StudyError(
-            f"the landmark file {path} holds no markups: it {error.found}. {advice}"
-        ) from error
-    except OSError as error:
-        raise StudyError(
-            f"the landmark file {path} can't be read ({error.strerror}). {advice}"
-        ) from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:  # JSON, but not of markups
-        raise StudyError(
-            f"the landmark file {path} holds no markups: {error!r}. {advice}"
-        ) from error
-
-
-def landmarks_on_template(path: Path, run: Run) -> Landmarks:
-    """`read_landmarks`, checked against the template's surface. Raises StudyError."""
-    landmarks, template_id, shapes = read_landmarks(path), run.template_id, run.shapes
+    landmarks, template_id, shapes = read_landmarks(path, setting), run.template_id, run.shapes
     if template_id not in shapes.case_ids:
         raise StudyError(
-            f"landmarks can't be carried over: the template {template_id} is not in the model. "
-            "Name another template, or leave report.landmarks out."
+            f"landmarks can't be transferred: the template {template_id} is not in the model. "
+            f"Name another template, or leave {setting} out."
         )
     template = shapes.template
     distances = closest_points(landmarks.positions, template, shapes.faces).distances

@@ -10,6 +10,7 @@ import pandas as pd
 
 from ssm_pipeline import storage
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
+from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.engine.left_files import files_of_stage
 from ssm_pipeline.engine.process import versions
@@ -17,7 +18,7 @@ from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.runs.context import Context
-from ssm_pipeline.runs.landmark_file import landmarks_on_template, read_landmarks
+from ssm_pipeline.runs.landmark_file import landmarks_on_template
 from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from ssm_pipeline.data_prep.formats.image_files import SUFFIXES as IMAGE_SUFFIXES
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACE_SUFFIXES
 from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
-from ssm_pipeline.study.sources import DataSettings, Luna16Data, MaskFolderData, MeshFolderData
+from ssm_pipeline.study.sources import (
+    DataSettings,
+    Luna16Data,
+    MaskFolderData,
+    MeshFolderData,
+    Unit,
+)
 
 
 @dataclass(frozen=True)
@@ -21,13 +26,13 @@ class HowToRead:
     Attributes:
         labels: Of the organ: another program's numbers, or the other side.
         segments: Its names, in a .seg.nrrd or DICOM SEG.
-        unit: Of a surface.
+        unit: Of the file's lengths.
         mirror: Reflected left to right, as a study with data.mirror does with one of the sides.
     """
 
     labels: tuple[int, ...] = ()
     segments: tuple[str, ...] = ()
-    unit: Literal["mm", "cm", "m"] | None = None
+    unit: Unit | None = None
     mirror: bool = False
 
 
@@ -75,12 +80,13 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
         unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
         return read_surface(path, path.stem, how.unit or unit, space)
     masks = data if isinstance(data, MaskFolderData) else None
+    unit = how.unit or (masks.unit if masks else None)
     threshold = masks.threshold if masks and not how.labels else None
     own = masks.segments if masks and not how.labels else ()
     if (segments := how.segments or own) and is_segmentation(path):
         from ssm_pipeline.data_prep.formats.segments import read_segments
 
-        return read_segments(path, segments, image_stem(path), threshold=threshold)
+        return read_segments(path, segments, image_stem(path), threshold=threshold, unit=unit)
     if how.segments:
         raise CaseError(
             path.name, "its segments have no names; a .seg.nrrd or DICOM SEG does. Pass --label."
@@ -102,4 +108,4 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
 
     organ = masks.organ if masks else "organ"
     chosen = how.labels or labels_of(data)
-    return read_organ(path, chosen, image_stem(path), organ, threshold=threshold)
+    return read_organ(path, chosen, image_stem(path), organ, threshold=threshold, unit=unit)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ssm_pipeline.data_prep.cohorts.selection import Choice
 
 Side = Literal["left", "right"]
+Unit = Literal["um", "mm", "cm", "m"]
 
 
 class FolderData(Settings):
@@ -97,6 +98,7 @@ class MaskFolderData(FolderData):
     segments: tuple[str, ...] = ()  # names, united, in place of labels: .seg.nrrd and DICOM SEG
     threshold: float | None = None  # in place of labels, of probability maps: organ is above it
     pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
+    unit: Unit | None = None  # of the files' lengths; None: as stated, else mm if the size fits
     organ: str = "organ"  # its name in messages
     allow_truncated: bool = True  # keep organs that touch the image border, with a warning
 
@@ -117,7 +119,12 @@ class MaskFolderData(FolderData):
         from ssm_pipeline.data_prep.cohorts import mask_folder
 
         organ = mask_folder.Organ(
-            self.labels, self.segments, self.threshold, self.organ, self.allow_truncated
+            self.labels,
+            self.segments,
+            self.threshold,
+            self.organ,
+            self.allow_truncated,
+            self.unit,
         )
         return mask_folder.find_cases(self._given_folder(), organ, self.pattern, self._choice())
 
@@ -126,7 +133,7 @@ class MeshFolderData(FolderData):
     """A folder of surfaces (.ply, .stl, .obj, .off, .vtk, .vtp) of any organ."""
 
     source: Literal["meshes"] = "meshes"
-    unit: Literal["mm", "cm", "m"] | None = None  # of the files; None: mm, if the size could be
+    unit: Unit | None = None  # of the files' lengths; None: mm, if the size could be an organ's
     space: Literal["LPS", "RAS"] | None = None  # of files that don't say it; None: LPS
     pattern: str | None = None  # glob below the folder, such as */liver.stl; None: its files
 

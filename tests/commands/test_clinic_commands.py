@@ -27,9 +27,9 @@ from tiny_study import write_balls
 
 from ssm_pipeline import load_run
 from ssm_pipeline.commands.import_model import import_model
+from ssm_pipeline.data_prep.formats.landmarks import landmarks_from_markups
 from ssm_pipeline.geometry.surface import area, volume
 from ssm_pipeline.records import CorrespondedShapes, Mask
-from ssm_pipeline.report.landmarks import landmarks_from_markups
 from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
@@ -264,8 +264,11 @@ def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow,
     Path("template.mrk.json").write_text(json.dumps(content))
     upper = np.flatnonzero(template[:, 2] > 0)
     pd.DataFrame({"vertex": upper, "label": "upper"}).to_csv("labels.csv", index=False)
-    trimesh.Trimesh(held.model.reconstruct([1.0]) + 40, faces).export("new.stl")
-    assert workflow("fit", str(run), "new.stl", "--out", "fits", "--jobs", "1").code == 0
+    new_patient = held.model.reconstruct([1.0]) + 40
+    trimesh.Trimesh(new_patient, faces).export("new.stl")
+    seen = (new_patient[faces, 2] < new_patient[top, 2] - 20).all(axis=1)  # the apex is cut off
+    trimesh.Trimesh(new_patient, faces[seen]).export("cut.stl")
+    assert workflow("fit", str(run), "new.stl", "cut.stl", "--out", "fits", "--jobs", "1").code == 0
     words = ("--landmarks", "template.mrk.json", "--labels", "labels.csv", "--fits", "fits")
     said = workflow("transfer", str(run), *words, "--out", "carried")
     assert said.code == 0, said.stderr
@@ -276,7 +279,19 @@ def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow,
         np.testing.assert_allclose(carried.positions[0], points[top], atol=1e-3)
         labelled = pyvista.read(file.with_name("labels.vtp"))
         np.testing.assert_array_equal(np.flatnonzero(labelled["label"]), upper)
-    new = pd.read_csv("carried/landmarks.csv").set_index("case_id").loc["new"]
+    table = pd.read_csv("carried/landmarks.csv").set_index("case_id")
+    seen_by = {**dict.fromkeys(held.cases, True), "new": True, "cut": False}
+    assert table["observed"].to_dict() == seen_by
+    assert table.loc[list(held.cases), "radius_mm"].isna().all()
+    assert 0 < table.loc["new", "radius_mm"] < table.loc["cut", "radius_mm"]
+    surface = pyvista.read("fits/cut/reconstruction.vtp")
+    assert table.loc["cut", "radius_mm"] == pytest.approx(surface["radius_90_mm"][top], rel=1e-4)
+    (marked,) = json.loads(Path("carried/cut/landmarks.mrk.json").read_text())["markups"]
+    assert "not observed" in marked["controlPoints"][0]["description"]
+    labelled = pyvista.read("carried/cut/labels.vtp")
+    np.testing.assert_array_equal(labelled["observed"], surface["observed"])
+    assert list(labelled.field_data["SPACE"]) == list(surface.field_data["SPACE"]) == ["LPS"]
+    new = table.loc["new"]
     expected = held.model.reconstruct([1.0])[top] + 40
     np.testing.assert_allclose(
         new[["left_mm", "posterior_mm", "superior_mm"]].astype(float), expected, atol=2.0

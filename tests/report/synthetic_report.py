@@ -11,13 +11,13 @@ import pandas as pd
 from PIL import Image
 from scipy.spatial import ConvexHull
 
+from ssm_pipeline.data_prep.formats.landmarks import Landmarks
 from ssm_pipeline.fitting.patient import FitReport
 from ssm_pipeline.fitting.typicality import Judged, Typicality
 from ssm_pipeline.geometry import surface
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CorrespondedShapes, Mesh, ShapePath
 from ssm_pipeline.report.content import ReportContent
-from ssm_pipeline.report.landmarks import Landmarks
 from ssm_pipeline.shape_model import alignment
 from ssm_pipeline.shape_model.pca import pca_model
 from ssm_pipeline.statistics.compare import ShapeComparison, VertexMap

@@ -11,7 +11,7 @@ import pytest
 from ssm_pipeline.report.curves import curve, quality_curves
 from ssm_pipeline.report.grid_pattern import pattern_colours, patterned_scenes
 from ssm_pipeline.report.headings import heading, headings, whole_heading
-from ssm_pipeline.report.landmarks import carry_landmarks, landmarks_from_markups
+from ssm_pipeline.report.landmarks import carry_landmarks
 from ssm_pipeline.report.packing import Block
 from ssm_pipeline.report.rounding import FINE, round_up
 from ssm_pipeline.report.tables import Cell, flattened, p_text, readable
@@ -130,22 +130,6 @@ def test_curves_average_cases_and_keep_given_errors() -> None:
 def test_compactness_is_shown_in_percent() -> None:
     tables = {"compactness": pd.DataFrame({"modes": [1, 2], "share": [0.6, 1.0]})}
     assert quality_curves(tables)["compactness"]["value"].tolist() == pytest.approx([60, 100])
-
-
-def markups(system: str) -> dict:
-    point = {"label": "apex", "position": [1.0, 2.0, 3.0], "positionStatus": "defined"}
-    pending = {"label": "later", "position": [0.0, 0.0, 0.0], "positionStatus": "undefined"}
-    return {"markups": [{"coordinateSystem": system, "controlPoints": [point, pending]}]}
-
-
-def test_landmarks_come_out_in_lps() -> None:
-    assert landmarks_from_markups(markups("LPS")).positions.tolist() == [[1, 2, 3]]
-    assert landmarks_from_markups(markups("RAS")).positions.tolist() == [[-1, -2, 3]]
-    assert landmarks_from_markups(markups("RAS")).names == ("apex",)
-    with pytest.raises(ValueError, match="coordinate system IJK"):
-        landmarks_from_markups(markups("IJK"))
-    with pytest.raises(ValueError, match="no placed point"):
-        landmarks_from_markups({"markups": []})
 
 
 def test_landmarks_move_with_their_triangle() -> None:

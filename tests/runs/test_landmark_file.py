@@ -15,10 +15,10 @@ from tiny_study import tiny_settings
 
 from ssm_pipeline import load_run
 from ssm_pipeline.commands.run_study import run_study
+from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import StudyError
-from ssm_pipeline.runs.landmark_file import read_landmarks
 from ssm_pipeline.runs.run import Run
 
 
@@ -93,7 +93,7 @@ def test_a_missing_file_says_so_before_any_work(tmp_path: Path) -> None:
     settings = tiny_settings(tmp_path / "masks")
     changed = settings.report.model_copy(update={"landmarks": tmp_path / "none.mrk.json"})
     settings = settings.model_copy(update={"report": changed})
-    with pytest.raises(StudyError, match=r"none\.mrk\.json holds no markups: it is missing"):
+    with pytest.raises(StudyError, match=r"none\.mrk\.json can't be read \(No such file"):
         run_study("toy", settings, RunOptions(tmp_path / "runs"), Terminal())
     assert not (tmp_path / "runs").exists()
 

@@ -9,7 +9,8 @@ import pytest
 import SimpleITK as sitk
 from scipy.spatial.transform import Rotation
 
-from ssm_pipeline.data_prep.formats.images import read_organ
+from ssm_pipeline.data_prep.formats.images import read_labels, read_organ
+from ssm_pipeline.data_prep.formats.organ_size import MM_OF, Unit
 from ssm_pipeline.records import CaseError
 
 SUFFIXES = ["mhd", "mha", "nrrd", "nii", "nii.gz"]
@@ -221,11 +222,46 @@ def test_the_sign_of_a_nifti_voxel_size_does_not_mirror(
 def test_the_unit_of_a_nifti_counts_whichever_form_places_it(
     tmp_path: Path, unit: int, mm: float, codes: tuple[int, int]
 ) -> None:
-    good = read_organ(nifti_with(tmp_path / "good.nii", {}), (1,), "a")
+    good = read_labels(nifti_with(tmp_path / "good.nii", {}), "a")
     fields = {123: bytes([unit | 8]), 252: struct.pack("<2h", *codes)}  # 8: and times in seconds
-    other = read_organ(nifti_with(tmp_path / "other.nii", fields), (1,), "a")
-    index = np.array([[0.0, 0, 0], [3, 4, 5]])
-    np.testing.assert_allclose(other.to_world(index), mm * good.to_world(index), rtol=1e-4)
+    path = nifti_with(tmp_path / "other.nii", fields)
+    for given, factor in ((None, mm), ("m", 1000.0)):  # what the user says counts first
+        other = read_labels(path, "a", given)
+        np.testing.assert_allclose(other.spacing_mm, factor * good.spacing_mm, rtol=1e-5)
+        np.testing.assert_allclose(other.origin_mm, factor * good.origin_mm, rtol=1e-5)
+        np.testing.assert_allclose(other.direction, good.direction, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1e-3, "m"), (3e-3, "m"), (0.05, "cm"), (1e3, "um"), (1.0, None)]
+)
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_mask_in_another_unit_is_refused_unless_its_unit_is_given(
+    tmp_path: Path, suffix: str, scale: float, unit: Unit | None
+) -> None:
+    spacing = tuple(0.7 * scale * edge for edge in (1.0, 1.2, 2.0))
+    path = write(tmp_path / f"a.{suffix}", labels_with_box(), spacing)
+    if unit is None:
+        assert read_organ(path, (1,), "a").warnings == ()
+        return
+    with pytest.raises(CaseError, match=rf"case a: the liver in a\.\w.* Set data\.unit to {unit} "):
+        read_organ(path, (1,), "a", "liver")
+    mask = read_organ(path, (1,), "a", unit=unit)
+    np.testing.assert_allclose(mask.spacing_mm, np.multiply(spacing, MM_OF[unit]), rtol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["nrrd", "mha"])
+def test_a_unit_that_a_header_states_is_used(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a.{suffix}", labels_with_box(), (900.0, 1000.0, 2000.0))
+    content = path.read_bytes()
+    if suffix == "nrrd":
+        old, new = b"kinds:", b'space units: "um" "um" "um"\nkinds:'
+    else:
+        old, new = b"ElementType", b"DistanceUnits = um\nElementType"
+    path.write_bytes(content.replace(old, new, 1))
+    mask = read_organ(path, (1,), "a")
+    np.testing.assert_allclose(mask.spacing_mm, [0.9, 1, 2])
+    assert read_organ(path, (1,), "a", unit="mm").spacing_mm[0] == 900  # what the user says counts
 
 
 def test_skewed_axes(tmp_path: Path) -> None:
