@@ -1,6 +1,6 @@
-"""What the method is compared with: plain registration of a template to each case, and S3M.
+"""The rivals of the method: plain registration of a template to each case, and S3M.
 
-Each rival lays a template on a case, from the rigid start that every row of a table has; the
-template's vertices are then carried to the nearest points of the case's triangles, as the
-method's own are.
+Each rival fits a template to a case, from the same rigid start pose as every row of a table. The
+template's vertices are then projected onto the nearest triangles of the case, as for the method
+itself.
 """

@@ -14,7 +14,7 @@ from ssm_pipeline.records import Mesh
 def affinely_aligned(
     start: np.ndarray, faces: np.ndarray, case: Mesh, settings: RegistrationSettings, seed: int
 ) -> np.ndarray:
-    """(V, 3) mm: a template laid on the case, start (V, 3), moved by the best affine map.
+    """(V, 3) mm: a template placed on the case, start (V, 3), moved by the best affine map.
 
     Iterative closest points, matched both ways so that neither surface can shrink into the other.
     """

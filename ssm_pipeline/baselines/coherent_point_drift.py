@@ -11,7 +11,7 @@ from ssm_pipeline.records import Mesh
 def cpd_fitted(
     start: np.ndarray, faces: np.ndarray, case: Mesh, settings: RegistrationSettings
 ) -> np.ndarray:
-    """(V, 3) mm: a template's vertices laid on the case, start (V, 3), drifted onto the case's.
+    """(V, 3) mm: a template placed on the case, start (V, 3), moved to the case's vertices.
 
     A Gaussian mixture at the template's vertices explains the case's, under a Gaussian-process
     prior on the displacements. The faces are not looked at.

@@ -1,4 +1,4 @@
-"""Where every method that needs a pose starts: one rigid alignment for all of them."""
+"""The start pose of every method that needs one: the same rigid alignment for all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ssm_pipeline.records import Mesh
 
 
 def rigid_start(template: Mesh, case: Mesh, seed: int) -> Similarity:
-    """The similarity that lays a template on a case: both at unit area, centred, then rigid ICP.
+    """Align a template with a case: both at unit area, centred, then rigid ICP.
 
     Returns:
         The frame from the template's millimetres to the case's. Its scale is the ratio of the two
@@ -47,7 +47,7 @@ def meshes_at_common_start(
     for mesh in meshes:
         start = rigid_start(template, mesh, seed)
         middle = centroid(template.vertices, template.faces)
-        # Rigid: about the place on the case where the template's centre came to lie.
+        # Rigid: a rotation about the point of the case that the template's centre is mapped to.
         back = start.apply(middle) - start.rotation @ middle
         frames.append(Similarity(1.0, start.rotation, back))
     return [_moved(mesh, frame) for mesh, frame in zip(meshes, frames, strict=True)], frames

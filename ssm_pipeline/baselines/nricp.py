@@ -15,7 +15,7 @@ from ssm_pipeline.records import Mesh
 def nricp_fitted(
     start: np.ndarray, faces: np.ndarray, case: Mesh, settings: RegistrationSettings
 ) -> np.ndarray:
-    """(V, 3) mm: a template laid on the case, start (V, 3), bent onto it.
+    """(V, 3) mm: a template placed on the case, start (V, 3), deformed to fit it.
 
     Source: Amberg et al. 2007, "Optimal step nonrigid ICP".
     """

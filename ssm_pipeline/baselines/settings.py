@@ -8,7 +8,7 @@ from ssm_pipeline.settings import Settings
 
 
 class RegistrationSettings(Settings):
-    """Chosen on development phantoms alone (benchmarks/tune_rivals.py)."""
+    """Chosen on development phantoms only (benchmarks/tune_rivals.py)."""
 
     # Affine: iterative closest points with twelve unknowns.
     affine_points: int = Field(4000, ge=100)  # samples on each surface

@@ -1,0 +1,1 @@
+"""Poses between two shapes: the network that moves one towards the other, and the spatial loss."""

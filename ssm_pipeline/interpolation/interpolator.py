@@ -76,7 +76,8 @@ def ring_maximum(values: torch.Tensor, neighbours: torch.Tensor) -> torch.Tensor
 
 class _RingMaximum(torch.autograd.Function):
     """Ring slot by ring slot and time by time: no (V, R, C) array is made, and a slice stays in
-    the cache. The winners are found again in the backward pass, so the forward one is maxima alone.
+    the cache. The winners are found again in the backward pass, so the forward
+    pass computes only maxima.
     """
 
     @staticmethod

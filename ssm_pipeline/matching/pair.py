@@ -1,4 +1,4 @@
-"""A pair of shapes with its features, and what they say of each other."""
+"""A pair of shapes with its features, functional maps and soft maps."""
 
 from __future__ import annotations
 

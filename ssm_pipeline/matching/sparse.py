@@ -13,7 +13,7 @@ import torch
 class SparseMatrix:
     """A constant sparse matrix with its transpose kept beside it, for the backward pass.
 
-    (torch's own backward through a CSR product transposes anew at every call.)
+    torch's own backward pass through a CSR product transposes the matrix at every call.
     """
 
     def __init__(self, matrix: sp.spmatrix, device: torch.device, dtype: torch.dtype) -> None:

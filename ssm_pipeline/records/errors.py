@@ -38,8 +38,8 @@ class DamagedFile(StudyError):
 
     def __init__(self, path: Path, found: str) -> None:
         super().__init__(
-            f"{path} {found}. If a run made it, run the study again: what is damaged or missing is "
-            "made again. Otherwise copy it again from where it came."
+            f"{path} {found}. If a run made it, run the study again: damaged and missing files are "
+            "made again. Otherwise copy the file from its origin again."
         )
         self.path, self.found = path, found
 

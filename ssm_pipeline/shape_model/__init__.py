@@ -1,0 +1,1 @@
+"""Correspondences → corresponded shapes → alignment, principal components, the shape model."""

@@ -14,7 +14,7 @@ from ssm_pipeline.records import CorrespondedShapes
 def align(
     shapes: CorrespondedShapes, with_scale: bool = False, tolerance: float = 1e-10
 ) -> tuple[CorrespondedShapes, tuple[Similarity, ...]]:
-    """Remove each shape's pose (and size, if asked) by turning all onto their common mean.
+    """Remove the pose of each shape (and its size, if requested) by aligning all with their mean.
 
     The mean keeps the template's orientation, so "up" stays up, and is centred at the origin.
     Without size, all are as large as they are on average, whichever of them is the template.

@@ -32,7 +32,7 @@ def build_model(shapes: CorrespondedShapes, with_scale: bool = False) -> ShapeMo
         >>> vertices = np.stack([corners * size + 100 * size for size in (0.9, 1.0, 1.2)])
         >>> shapes = CorrespondedShapes(vertices, faces, ("a", "b", "c"), template_id="b")
         >>> model = build_model(shapes)
-        >>> model.modes_for(0.999)  # they differ in size alone, wherever they lie
+        >>> model.modes_for(0.999)  # they differ only in size and place
         1
     """
     require_type(shapes, CorrespondedShapes, "shapes", "match_cohort returns them.")

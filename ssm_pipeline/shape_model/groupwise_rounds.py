@@ -1,4 +1,4 @@
-"""Groupwise rounds: the cohort's mean shape, laid on every case, is matched anew."""
+"""Groupwise rounds: the cohort's mean shape is aligned with every case and matched again."""
 
 from __future__ import annotations
 
@@ -58,15 +58,15 @@ def placed_means(
     mean_of: Collection[str] | None = None,
     laid_on: Literal["similarity", "affine"] = "similarity",
 ) -> dict[str, np.ndarray]:
-    """Case → (V, 3) mm: the Procrustes mean, laid on the case by the best map of its points.
+    """Case → (V, 3) mm: the Procrustes mean, aligned with the case by the best map of its points.
 
     The mean of a cohort is nearer to each case than any single template is, and what one matching
-    got wrong along the surface averages out of it: a template adapted anew from here slides less.
+    got wrong along the surface averages out of it: a template adapted from here slides less.
     Found with every point's match in hand, the map needs no search.
 
     Args:
         shapes: As matched, each in its own millimetres.
-        mean_of: The cases that the mean is made of; None: all. Others are laid on too.
+        mean_of: The cases that the mean is made of; None: all. It is aligned with the others too.
 
     Source: the unbiased atlas of Joshi et al. 2004, on surfaces.
     """

@@ -170,7 +170,7 @@ class ShapeModel:
             scores: `(…, M)` standard deviations.
 
         Returns:
-            `(…,)`. Its differences compare two shapes; its value alone means little.
+            `(…,)`. Its differences compare two shapes; one value by itself means little.
 
         Raises:
             ValueError: For another number of scores.
@@ -206,7 +206,7 @@ class ShapeModel:
             ValueError: For a number outside 1 … M.
         """
         if not 1 <= mode_count <= self.mode_count:
-            raise ValueError(f"{mode_count} modes asked of a model with {self.mode_count}")
+            raise ValueError(f"{mode_count} modes requested; the model has {self.mode_count}")
         return dataclasses.replace(
             self,
             modes=self.modes[:mode_count],

@@ -10,9 +10,9 @@ from ssm_pipeline.settings import Settings
 
 
 class GroupwiseSettings(Settings):
-    # Each: the mean of the shapes so far, in the template's place, adapted to every case anew.
+    # In each round the mean of the shapes so far is adapted to every case, as the template was.
     rounds: int = Field(3, ge=0)
-    # How the mean is laid on a case before it is adapted: by the best rotation, translation and
+    # How the mean is aligned with a case before adaptation: by the best rotation, translation and
     # scale of its points, or by the best affine map, which bends the mean to each case's slides.
     laid_on: Literal["similarity", "affine"] = "similarity"
 

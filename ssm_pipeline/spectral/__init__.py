@@ -1,0 +1,1 @@
+"""A mesh → its Laplacian eigenpairs, gradient operators and wave kernel signature."""

@@ -1,0 +1,1 @@
+"""Pairs of shapes → trained networks: schedule, checkpoints, starting weights, template choice."""

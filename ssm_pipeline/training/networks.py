@@ -23,7 +23,7 @@ class Networks:
 
     @staticmethod
     def new(settings: TrainingSettings, seed: int, device: str = "cpu") -> Networks:
-        """Fresh weights, a function of the seed alone."""
+        """Fresh weights, which depend only on the seed."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             features = FeatureNetwork(settings.matching)

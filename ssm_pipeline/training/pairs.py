@@ -1,4 +1,4 @@
-"""Which pair of shapes is trained on when: a function of the seed and of how many came before."""
+"""The order in which pairs of shapes are trained on. It depends only on the seed."""
 
 from __future__ import annotations
 

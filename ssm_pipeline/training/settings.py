@@ -35,9 +35,9 @@ class TrainingSettings(Settings):
     # Plateau: once the mean loss of so many steps is less than 1 % below that of as many before, at
     # the same T, training goes on at the next T, and after the last it ends. 0: all steps are done.
     patience: int = Field(0, ge=0)
-    # Each shape's coordinates, where they are network input, are turned by a random rotation of up
-    # to so many degrees and shifted by a normal draw, at every step; before that, where wanted,
-    # both shapes of a pair by one rotation of any angle, so that no direction of the scanner tells.
+    # Augmentation of the coordinates that the network reads, at every step: a random rotation of
+    # each shape of up to `turn_deg` degrees and a normal shift; with `turn_together`, before that,
+    # one rotation of any angle for both shapes of a pair, so that directions carry no information.
     turn_together: bool = False
     turn_deg: float = Field(0.0, ge=0, le=180)
     jitter: float = Field(0.0, ge=0)  # of √area, standard deviation along each axis
@@ -71,7 +71,7 @@ class TrainingSettings(Settings):
 
     @property
     def start_file(self) -> Path | None:
-        """Where the weights lie that training begins with; None: they are fresh."""
+        """The file of the weights that training starts from. None: fresh weights."""
         if self.start == "none":
             return None
         if self.start == "built-in":
@@ -79,7 +79,7 @@ class TrainingSettings(Settings):
         return Path(self.start).expanduser()
 
     def spectral_only(self) -> TrainingSettings:
-        """The same without the spatial loss: features trained for matching alone."""
+        """The same settings without the spatial loss: features trained for matching only."""
         return self.model_copy(update={"spatial_loss": SpatialLossSettings.none()})
 
     def _phase_ends(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""The weights that training begins with, where it does not begin with fresh ones."""
+"""The weights that training starts from, unless they are fresh."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ def starting_weights(
 
 
 def refuse_other_networks(settings: TrainingSettings) -> None:
-    """What `starting_weights` refuses of the settings alone, before the hours."""
+    """Check starting weights against the settings, before anything is computed.
+
+    Raises:
+        StudyError: For weights that are missing, or whose networks differ from the settings.
+    """
     path = settings.start_file
     if path is not None:
         _loaded(path, settings, "cpu")

@@ -2,10 +2,11 @@
 
     torchrun --nproc-per-node 2 -m ssm_pipeline run luna16 --set training.pairs_per_step=2
 
-The first leads: it does all else, and writes. The others follow: they wait for a training and do
-their part of each step. Gradients are added up on the CPU (gloo), whatever the device: the networks
-have few weights, and a step takes a hundred times as long. Who has no part in it, trains alone.
-PyTorch is imported by what needs it: a run asks for its team before anything is known of it.
+The first process leads: it does all other work and writes the files. The others follow: they wait
+for a training and compute their share of each step. Gradients are added up on the CPU (gloo) for
+every device, because the networks have few weights and a step takes a hundred times as long. A
+process without a team trains by itself. PyTorch is imported inside the functions, because every run
+looks for its team, also a run that trains no network.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ssm_pipeline.records import StudyError
 if TYPE_CHECKING:
     import torch
 
-WAIT = datetime.timedelta(days=30)  # a leader may be long at other work; one that dies is noticed
+WAIT = datetime.timedelta(days=30)  # a leader may do other work for long; its end is noticed
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Team:
 
     @staticmethod
     def here() -> Team:
-        """Of the processes that `torchrun` started and `team_of_torchrun` joined; else alone."""
+        """The team that `team_of_torchrun` joined. Without one: a team of this process only."""
         import torch.distributed as dist
 
         if not (dist.is_available() and dist.is_initialized()):
@@ -59,30 +60,30 @@ class Team:
             )
 
     def call(self, work: Mapping[str, Any] | None) -> None:
-        """Tell the followers what to train; None: that nothing comes any more."""
+        """Send the followers the arguments of a training. None: there are no more."""
         if self.size > 1 and self.leads:
             import torch.distributed as dist
 
             dist.broadcast_object_list([work])
 
     def await_call(self) -> Any:
-        """What the leader called for, in a follower."""
+        """Wait in a follower for the arguments of the next training."""
         import torch.distributed as dist
 
         received: list[Any] = [None]
-        with _loss_of_others_said():
+        with _lost_process_reported():
             dist.broadcast_object_list(received)
         return received[0]
 
     def add_up(self, tensors: Sequence[torch.Tensor]) -> None:
-        """Make each tensor the sum of all processes' own, in place."""
+        """Replace each tensor by its sum over all processes, in place."""
         if self.size == 1:
             return
         import torch
         import torch.distributed as dist
 
         flat = torch.cat([tensor.detach().flatten().cpu() for tensor in tensors])
-        with _loss_of_others_said():
+        with _lost_process_reported():
             dist.all_reduce(flat)
         parts = flat.split([tensor.numel() for tensor in tensors])
         for tensor, part in zip(tensors, parts, strict=True):
@@ -91,7 +92,7 @@ class Team:
 
 @contextmanager
 def team_of_torchrun() -> Iterator[Team]:
-    """The processes of this `torchrun`; of a process that none started, the team of it alone."""
+    """Join the processes that `torchrun` started. Otherwise: a team of this process."""
     if "TORCHELASTIC_RUN_ID" not in os.environ or os.environ["WORLD_SIZE"] == "1":
         yield Team()
         return
@@ -111,7 +112,7 @@ def team_of_torchrun() -> Iterator[Team]:
 
 
 @contextmanager
-def _loss_of_others_said() -> Iterator[None]:
+def _lost_process_reported() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:

@@ -52,7 +52,7 @@ def test_farthest_points_leave_no_hole() -> None:
     between = cdist(points, points[chosen])
     last_step = between[chosen[-1], :-1].min()
     assert between.min(axis=1).max() <= last_step
-    with pytest.raises(ValueError, match="301 points asked of 300"):
+    with pytest.raises(ValueError, match="301 points requested from 300"):
         farthest_points(points, 301)
 
 

@@ -85,7 +85,7 @@ def test_bad_sizes_say_what_was_needed() -> None:
         model.reconstruct([1, 2, 3])
     with pytest.raises(ValueError, match="in correspondence with the model's mean"):
         model.coefficients(np.zeros((5, 3)))
-    with pytest.raises(ValueError, match="3 modes asked of a model with 2"):
+    with pytest.raises(ValueError, match="3 modes requested; the model has 2"):
         model.truncate(3)
     shapes = hand_made()[0]
     two = CorrespondedShapes(shapes.vertices[:2], shapes.faces, ("c0", "c1"), "c0")

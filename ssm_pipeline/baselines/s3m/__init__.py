@@ -1,0 +1,1 @@
+"""S3M (Bastian et al. 2023), the baseline, written from its description."""

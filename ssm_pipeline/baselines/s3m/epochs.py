@@ -1,4 +1,4 @@
-"""Training of S3M's network, in epochs that each rest on their number and a seed alone."""
+"""Training of S3M's network. Each epoch depends only on its number and the seed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def train_extractor(
 ) -> S3MCheckpoint:
     """Train on the copies up to `settings.epochs`; on_epoch gets every epoch's checkpoint.
 
-    Every epoch draws each copy's sample anew (the public code at every use). The learning rate
+    Every epoch draws a new sample of each copy (the public code: every use). The learning rate
     follows the training loss (the public code: that of a validation fold); it knows nothing of the
     epochs to come, so the checkpoint of epoch 3 is what a training of 3 epochs ends with.
     """
@@ -158,7 +158,7 @@ def _checkpoint(
     scheduler: torch.optim.lr_scheduler.ReduceLROnPlateau,
     losses: Sequence[float],
 ) -> S3MCheckpoint:
-    """A copy that later steps leave alone."""
+    """A copy that later steps do not change."""
     weights = {name: value.detach().clone() for name, value in network.state_dict().items()}
     return S3MCheckpoint(
         weights, copy.deepcopy(optimiser.state_dict()), scheduler.state_dict(), list(losses)

@@ -12,12 +12,12 @@ def farthest_points(points: np.ndarray, count: int, first: int | None = None) ->
     order of the points.
 
     Raises:
-        ValueError: If there are fewer points than asked for.
+        ValueError: For fewer points than requested.
 
     Source: Eldar et al. 1997.
     """
     if not 1 <= count <= len(points):
-        raise ValueError(f"{count} points asked of {len(points)}")
+        raise ValueError(f"{count} points requested from {len(points)}")
     x, y, z = np.ascontiguousarray(points.T)  # rows lie together in memory
     if first is None:
         first = int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())

@@ -77,7 +77,7 @@ def train_s3m(
 
     Raises:
         StudyError: For fewer than two meshes.
-        CaseError: For a mesh with fewer vertices than the points asked for.
+        CaseError: For a mesh with fewer vertices than the requested points.
     """
     inputs = _inputs(meshes, settings)
     generator = np.random.default_rng(seed)
