@@ -26,6 +26,7 @@ from seg_files import write_dicom_seg, write_seg_nrrd
 from tiny_study import write_balls
 
 from ssm_pipeline import load_run
+from ssm_pipeline.cohort_check.copies import copies_table
 from ssm_pipeline.commands.import_model import import_model
 from ssm_pipeline.data_prep.formats.landmarks import landmarks_from_markups
 from ssm_pipeline.geometry.surface import area, volume
@@ -252,6 +253,33 @@ def test_several_cases_of_a_patient_are_not_compared(
     assert refused.code == 1
     assert "6 patients have several cases" in refused.stderr
     assert "p0, p1, p2 …" in refused.stderr
+    assert "set data.cases to one case of each" in refused.stderr
+    assert "data.side" not in refused.stderr  # masks have no such setting
+    # Ids that look like numbers stay text: 01 and 1 are two patients.
+    sides["patient"] = [f"{number // 2:02d}" for number in range(10)] + ["1", "2"]
+    sides.to_csv(own / "data" / "cohort.csv", index=False)
+    assert list(load_run(own).patients.values())[-4:] == ["04", "04", "1", "2"]
+    refused = workflow("compare", str(own), "--covariates", "a.csv", "--formula", "~ age")
+    assert "5 patients have several cases" in refused.stderr
+    assert "00, 01, 02 …" in refused.stderr
+
+
+def test_copies_are_one_patient_and_are_not_compared(
+    workflow: Workflow, run: Path, tmp_path: Path
+) -> None:
+    own = tmp_path / "runs" / "copies"
+    shutil.copytree(run, own)
+    copies = copies_table([(IDS[2], IDS[7], "the same")])
+    (own / "cohort_check").mkdir(exist_ok=True)
+    copies.to_csv(own / "cohort_check" / "copies.csv", index=False)
+    patients = load_run(own).patients
+    assert patients[IDS[7]] == patients[IDS[2]] == IDS[2]
+    assert len(set(patients.values())) == 11
+    pd.DataFrame({"case_id": IDS, "age": np.linspace(40, 70, 12)}).to_csv("a.csv", index=False)
+    refused = workflow("compare", str(own), "--covariates", "a.csv", "--formula", "~ age")
+    assert refused.code == 1
+    assert "1 of the 12 cases" in refused.stderr
+    assert f'"{IDS[7]}": "copy of {IDS[2]}"' in refused.stderr
 
 
 def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow, run: Path) -> None:

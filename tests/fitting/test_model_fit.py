@@ -5,7 +5,7 @@ import pytest
 from cohorts import TURN, bumpy_cohort, finer
 
 from ssm_pipeline.fitting.matched_fit import fit_points
-from ssm_pipeline.fitting.model_fit import fit_model
+from ssm_pipeline.fitting.model_fit import _Problem, fit_model
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.records import CaseError, Mesh
@@ -94,3 +94,17 @@ def test_a_surface_that_looks_inward_is_refused_by_name() -> None:
     inward = Mesh(model.mean, model.faces[:, ::-1], "rev")
     with pytest.raises(CaseError, match=r"case rev: no point of the model faces the surface"):
         fit_model(model, inward)
+
+
+def test_points_of_the_model_beyond_a_cut_are_not_compared(model):
+    """The nearest point of the cut's border is not where they should be."""
+    whole = finer(Mesh(model.mean, model.faces, "cut"))
+    half = whole.vertices[:, 2] > whole.vertices[:, 2].mean()
+    part = without_faces(whole, half[whole.faces].any(axis=1))
+    problem = _Problem(model, part, False, 400, np.random.default_rng(0))
+    pairs = problem.pairs(Similarity.identity(), np.zeros(model.mode_count))
+    assert 0.3 < pairs.observed_share < 0.7
+    assert pairs.of_model == round(400 * pairs.observed_share)
+    edge = whole.vertices[half].min(axis=0)[2]
+    assert pairs.at[: pairs.of_model, 2].max() < edge + 1e-6
+    assert np.abs(pairs.residuals[: pairs.of_model]).max() < 1e-6

@@ -12,6 +12,7 @@ from scipy.stats import norm
 from shapes import blob
 
 from ssm_pipeline import storage
+from ssm_pipeline.fitting import completion, patient
 from ssm_pipeline.fitting.completion import COVERAGE, calibrated_radius, cut_as_observed
 from ssm_pipeline.fitting.cross_validation import (
     CrossValidation,
@@ -20,10 +21,11 @@ from ssm_pipeline.fitting.cross_validation import (
     model_without,
     score_inflation,
 )
+from ssm_pipeline.fitting.model_fit import fit_model
 from ssm_pipeline.fitting.partial import without_faces
 from ssm_pipeline.fitting.patient import fit_patient
 from ssm_pipeline.fitting.pose_search import mirrored
-from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of
+from ssm_pipeline.fitting.typicality import TAIL, judge, tail_of, without_outliers
 from ssm_pipeline.fitting.yardstick import Yardstick
 from ssm_pipeline.geometry.distances import SurfaceTarget
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
@@ -204,3 +206,52 @@ def test_score_inflation_undoes_a_wrong_standard_deviation() -> None:
     z = 2.0 * norm.ppf((np.arange(10_000) + 0.5) / 10_000)
     assert score_inflation(z) == pytest.approx(2.0, rel=0.01)
     assert score_inflation(z / 10) == 1.0
+
+
+def test_a_copy_in_the_cohort_does_not_raise_the_threshold():
+    """By a model that holds its copy, a case is fitted at once: such a residual sets nothing."""
+    generator = np.random.default_rng(0)
+    residuals = np.exp(generator.normal(-0.8, 0.2, 12))
+    usual = tail_of(2.0, residuals).threshold
+    with_copies = tail_of(2.0, np.append(residuals, [0.002, 0.003]))
+    assert with_copies.threshold == pytest.approx(usual)
+    assert with_copies.is_flagged
+    # Nor does one case with a wrong mask hide the next one.
+    assert tail_of(5.0, np.append(residuals, 8.0)).is_flagged
+    turned = np.append(generator.uniform(0, 12, 12), 175.0)
+    assert without_outliers(turned, 3.0).max() < 12
+
+
+def test_intervals_of_scores_are_widened_by_the_cross_validated_errors(
+    cohort, monkeypatch: pytest.MonkeyPatch
+):
+    yardstick, new = cohort
+    fitted = fit_model(yardstick.model, new[0], points=200, steps=8)
+    monkeypatch.setattr(patient, "best_fit", lambda *_: (fitted, 0.0, 2.0))
+    z = norm.ppf((np.arange(500) + 0.5) / 500)
+    errors = np.tile(2.0 * z[:, None], (1, yardstick.reference.score_errors.shape[1]))
+    reference = dataclasses.replace(yardstick.reference, score_errors=errors)
+    report = fit_patient(dataclasses.replace(yardstick, reference=reference), new[0])
+    half = (report.high - report.low) / 2
+    np.testing.assert_allclose(half, 2.0 * norm.isf(0.025) * fitted.score_sd, rtol=0.01)
+
+
+def test_a_part_is_judged_without_the_patients_other_cases(cohort, monkeypatch: pytest.MonkeyPatch):
+    """The cut cases are fitted by models without the cases of their patient, too."""
+    yardstick, new = cohort
+    whole = fit_model(yardstick.model, new[0], points=200, steps=8)
+    part = dataclasses.replace(whole, observed=whole.vertices[:, 2] < 0)
+    monkeypatch.setattr(patient, "best_fit", lambda *_: (part, 0.0, 2.0))
+    held_together = [f"p{number // 2}" for number in range(10)]
+    models: list[list[str]] = []
+
+    def without(shapes, index, with_scale, patients):
+        models.append([patients[index], *(p for p in patients if p != patients[index])])
+        return model_without(shapes, index, with_scale, patients)
+
+    monkeypatch.setattr(completion, "model_without", without)
+    monkeypatch.setattr(completion, "POINTS", 100)
+    monkeypatch.setattr(completion, "STEPS", 2)
+    fit_patient(dataclasses.replace(yardstick, patients=held_together), new[0])
+    assert [each[0] for each in models] == held_together
+    assert all(len(each) == 9 for each in models)  # itself, and eight cases of other patients
