@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 _BIDS_NAME = re.compile(r"sub-[A-Za-z0-9]+(?:_[A-Za-z]+-[A-Za-z0-9+]+)*_[A-Za-z0-9]+")
@@ -42,3 +43,22 @@ def case_name(path: Path, stem: str, pattern: str | None, with_sides: bool = Fal
     if len(parts) > 1 and not any(sign in parts[-1] for sign in "*?["):
         return path.parent.name
     return f"{path.parent.name}.{stem}" if with_sides and len(parts) > 1 else stem
+
+
+def told_apart(names: Sequence[str], paths: Sequence[Path]) -> list[str]:
+    """Ids for files that are all called the same: the parts of their paths that differ.
+
+    Names that differ already stay as they are, and so do names whose paths do not tell them apart,
+    or lie at different depths.
+
+    >>> layout = [Path(f"s{n}/segmentations/liver.nii.gz") for n in range(2)]
+    >>> told_apart(["segmentations", "segmentations"], layout)
+    ['s0', 's1']
+    """
+    folders = [path.parent.parts for path in paths]
+    is_bids = any(_BIDS_NAME.match(path.name.split(".")[0]) for path in paths)
+    if len(names) < 2 or len(set(names)) > 1 or is_bids or len({*map(len, folders)}) > 1:
+        return list(names)
+    differing = [parts for parts in zip(*folders, strict=True) if len(set(parts)) > 1]
+    found = ["_".join(parts) for parts in zip(*differing, strict=True)]
+    return found if len(set(found)) == len(names) else list(names)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ssm_pipeline.data_prep.cohorts.case_names import case_name, patient_of
+from ssm_pipeline.data_prep.cohorts.case_names import case_name, patient_of, told_apart
 from ssm_pipeline.data_prep.cohorts.selection import (
     ALL,
     Choice,
@@ -85,15 +85,14 @@ def find_cases(
         named_by_folder = False
         what = "label images (.nii.gz, .nii, .nrrd, .mhd, .mha)"
         files = files_below(folder, pattern, is_image, what)
-    by_id = unique_by_id(
-        (
-            path.relative_to(folder).parts[0]
-            if named_by_folder
-            else case_name(path, image_stem(path), pattern, choice.mirror is not None),
-            path,
-        )
-        for path in files
-    )
+    below = [path.relative_to(folder) for path in files]
+    if named_by_folder:
+        names = [path.parts[0] for path in below]
+    else:
+        with_sides = choice.mirror is not None
+        names = [case_name(path, image_stem(path), pattern, with_sides) for path in files]
+        names = told_apart(names, below)
+    by_id = unique_by_id(zip(names, files, strict=True))
     sources = [
         CaseSource(
             case_id,

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ssm_pipeline.data_prep.cohorts.case_names import case_name, patient_of
+from ssm_pipeline.data_prep.cohorts.case_names import case_name, patient_of, told_apart
 from ssm_pipeline.data_prep.cohorts.selection import (
     ALL,
     Choice,
@@ -48,9 +48,9 @@ def find_cases(
         StudyError: If nothing matches, two files share one id, or a named case is missing.
     """
     files = files_below(folder, pattern, is_surface, f"surfaces ({', '.join(SUFFIXES)})")
-    by_id = unique_by_id(
-        (case_name(path, path.stem, pattern, choice.mirror is not None), path) for path in files
-    )
+    names = [case_name(path, path.stem, pattern, choice.mirror is not None) for path in files]
+    names = told_apart(names, [path.relative_to(folder) for path in files])
+    by_id = unique_by_id(zip(names, files, strict=True))
     sources = [
         CaseSource(
             case_id,

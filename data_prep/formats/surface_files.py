@@ -17,6 +17,7 @@ from ssm_pipeline.records import CaseError, Mesh, require_type
 SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp")
 _VTK = (".vtk", ".vtp")
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
+WELD_SHARE = 1e-5  # of the diagonal: single precision at 10 times the size
 _HEADER_BYTES = 4096  # where 3D Slicer's note of the coordinate system stands
 
 
@@ -91,6 +92,8 @@ def read_triangles(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, st
         )
     if suffix == ".stl":
         vertices, faces = _merged(vertices, faces)
+        if len(boundary_edges(faces)):
+            vertices, faces = _welded(vertices, faces)
     return vertices, faces, space or _space_in_header(path)
 
 
@@ -147,6 +150,28 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     place = np.argsort(np.argsort(first))
     faces = place[inverse.ravel()][faces]
     return vertices[np.sort(first)], faces
+
+
+def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners that differ by a rounding error become one: the first of each group.
+
+    Triangles that lose a corner are left out.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if not np.isfinite(vertices).all():
+        return vertices, faces
+    reach = WELD_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    pairs = cKDTree(vertices).query_pairs(reach, output_type="ndarray")
+    count = len(vertices)
+    near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
+    _, group = connected_components(near, directed=False)
+    _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
+    faces = inverse.ravel()[faces]
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return vertices[first], faces[whole]
 
 
 def _space_in_header(path: Path) -> str | None:

@@ -39,8 +39,19 @@ def test_total_segmentator_layout(tmp_path: Path) -> None:
     cohort = find_cases(tmp_path, Organ(name="liver"), "*/liver.nii.gz")
     assert [case.case_id for case in cohort.cases] == ["s0004", "s0011"]
     assert all(case.files[0].name == "liver.nii.gz" for case in cohort.cases)
-    with pytest.raises(StudyError, match="share the case id spleen"):
-        find_cases(tmp_path, pattern="*/sp*.nii.gz")
+    cohort = find_cases(tmp_path, pattern="*/sp*.nii.gz")
+    assert [case.case_id for case in cohort.cases] == ["s0004", "s0011"]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    ["*/segmentations/liver.nii.gz", "**/liver.nii.gz", "*/*/liver.nii.gz", "s*/seg*/liver*"],
+)
+def test_ids_come_from_the_parts_of_the_path_that_differ(tmp_path: Path, pattern: str) -> None:
+    for subject in ("s0000", "s0001"):
+        write(tmp_path / subject / "segmentations" / "liver.nii.gz")
+    cohort = find_cases(tmp_path, pattern=pattern)
+    assert [case.case_id for case in cohort.cases] == ["s0000", "s0001"]
 
 
 def test_duplicate_ids(tmp_path: Path) -> None:

@@ -116,3 +116,15 @@ def test_hidden_files_are_no_surfaces(tmp_path: Path) -> None:
     hidden.write_bytes(b"")
     assert not is_surface(hidden)
     assert not is_surface(tmp_path)
+
+
+@pytest.mark.parametrize("jitter_mm", [1e-6, 1e-4])
+def test_stl_corners_that_nearly_agree_are_joined(tmp_path: Path, jitter_mm: float) -> None:
+    noise = np.random.default_rng(0).normal(0, jitter_mm, (len(MESH.faces), 3, 3))
+    corners = (MESH.vertices[MESH.faces] + noise).reshape(-1, 3)
+    apart = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    apart.export(tmp_path / "a.stl")
+    read = read_mesh(tmp_path / "a.stl")
+    assert euler_number(read.faces) == 2
+    assert len(read.vertices) == len(MESH.vertices)
+    assert read.faces.shape == MESH.faces.shape
