@@ -47,22 +47,35 @@ def correspond_bases(
 ) -> Correspondence:
     """Match a template to a case.
 
-    full                adapted to the case (Eq. 15–16) from the template turned as the map says;
-                        from rigid alignment or the network's pose X(1) where that ends much less
-                        distorted (`settings.starts`)
-    network start       from the network's pose alone: the paper's method
-    without adaptation  the map of the features, by `matching.inference_map`: the paper's row
-    spectral only       the same, of features trained on the spectral loss alone
-    pose                the network's pose X(1)
-    projected features  nearest features, projected on the eigenbasis
-    features            nearest features
-    adaptation only     rigid alignment, adapted to the case; no network
-    as scanned          the template as it lies, centred, of the case's area, adapted; no network
-    nearest point       rigid alignment; no network
-    Whatever the method, the moved template is then carried to the nearest point on the case's
-    triangles; both that point and the nearest vertex are kept.
-    coarse  see `pose_path`. seed: of the samples that alignment and adaptation draw.
-    Raises StudyError for any other method.
+    With every method the moved template is then projected onto the nearest point of the case's
+    triangles. Both that point and the nearest vertex are kept. The methods are:
+
+    - full: adapted to the case (Eq. 15–16) from the template rotated as the map says; from rigid
+      alignment or the network's pose X(1) where that ends much less distorted (`settings.starts`)
+    - network start: from the network's pose only, the paper's method
+    - without adaptation: the map of the features, by `matching.inference_map`, the paper's row
+    - spectral only: the same, of features trained on the spectral loss only
+    - pose: the network's pose X(1)
+    - projected features: nearest features, projected on the eigenbasis
+    - features: nearest features
+    - adaptation only: rigid alignment, adapted to the case; no network
+    - as scanned: the template as it lies, centred, with the case's area, adapted; no network
+    - nearest point: rigid alignment; no network
+
+    Args:
+        template: The template's basis.
+        case: The case's basis.
+        matcher: The trained networks. None for the methods that use none.
+        settings: Of the adaptation.
+        method: One of the methods above.
+        coarse: See `pose_path`.
+        seed: Decides the samples that alignment and adaptation draw.
+
+    Returns:
+        The correspondence.
+
+    Raises:
+        StudyError: For any other method.
     """
     how = pair_method(method)
     if not how.uses_network:

@@ -85,12 +85,13 @@ def best_fit(source: Posed, target: Posed) -> Fit:
 
 
 def fit_to(mesh: Mesh, typical: Sequence[Mesh], seed: int) -> dict[str, float]:
-    """The mesh against each of the typical ones, itself left out; means over them.
+    """Align a mesh with each of the typical ones except itself.
 
-    fit_percent       distance at the best rotation, percent of √area;
-    mirrored_percent  the same of the mirror image;
-    near_percent      of the mesh at the best rotation of up to FAR_DEG from how it lies;
-    turned_deg        angle of the best rotation: the median, as one odd fit must not count.
+    Returns:
+        Means over them: fit_percent, the distance at the best rotation, percent of √area;
+        mirrored_percent, the same for the mirror image; near_percent, at the best rotation of up to
+        FAR_DEG from how it lies; and turned_deg, the median angle of the best rotation, so that one
+        odd fit does not count.
     """
     source = Posed.of(mesh, seed)
     image = source.mirrored()

@@ -107,7 +107,11 @@ def _cases(run: Run) -> dict[str, _Shape]:
 def _write_landmarks(
     placed: Landmarks, run: Run, shapes: dict[str, _Shape], folder: Path
 ) -> list[Path]:
-    """A file per shape, and one table. Returns the paths."""
+    """A file per shape, and one table.
+
+    Returns:
+        The paths.
+    """
     template, faces = run.shapes.template, run.shapes.faces
     vertices = np.stack([shape.vertices for shape in shapes.values()])
     transferred = carry_landmarks(placed.positions, template, faces, vertices)

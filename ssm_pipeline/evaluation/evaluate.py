@@ -51,23 +51,24 @@ def evaluate_method(
 ) -> Metrics:
     """Score one method's correspondences and the shape model they give.
 
-    corresponded  N >= 4 shapes in each case's own millimetres, not yet aligned.
-    meshes        the cases' original meshes in their own millimetres, in any order.
-    fitted        (N, V, 3) mm: the shapes as they were fitted, before they were carried onto the
-                  cases' surfaces; None for a method whose points are the cases' own vertices.
+    Args:
+        name: The value of the column `method`.
+        corresponded: N >= 4 shapes in each case's own millimetres, not yet aligned.
+        meshes: The cases' original meshes in their own millimetres, in any order.
+        fitted: `(N, V, 3)` mm, the shapes before they were projected onto the cases' surfaces. None
+            for a method whose points are the cases' own vertices.
 
-    Returns tables, each with the columns method and seed:
-    compactness            a row per number of modes;
-    generalisation         a row per case and number of modes, and whose it is where a patient has
-                           several;
-    generalisation_mean    the same over the cases, with standard errors;
-    surface_fits           a row per case: the model without it, fitted to its surface alone;
-    specificity            a row per number of modes, with standard errors;
-    specificity_draws, specificity_jackknife
-                           what the intervals of its differences rest on (`evaluation.paired`);
-    correspondence         a row per case, before any PCA.
-    All of them hold the number of modes that keeps 95 % of the variance.
-    Raises StudyError for fewer than 4 cases, impossible folds or cases without a mesh.
+    Returns:
+        Tables, each with the columns method and seed: compactness, a row per number of modes;
+        generalisation, a row per case and number of modes, with the patient where one has several;
+        generalisation_mean, the same over the cases, with standard errors; surface_fits, a row per
+        case: the model without it, fitted to its surface; specificity, a row per number of modes,
+        with standard errors; specificity_draws and specificity_jackknife, for the intervals of its
+        differences (`evaluation.paired`); correspondence, a row per case, before any PCA. All hold
+        the number of modes that keeps 95 % of the variance.
+
+    Raises:
+        StudyError: For fewer than 4 cases, impossible folds or cases without a mesh.
     """
     settings, seed, jobs, patients = scoring.settings, scoring.seed, scoring.jobs, scoring.patients
     cohort, frames = align_cohort(corresponded, meshes, scoring.with_scale)

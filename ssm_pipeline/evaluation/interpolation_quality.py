@@ -58,9 +58,9 @@ def interpolation_tables(paths: Sequence[ShapePath]) -> dict[str, pd.DataFrame]:
 def interpolation_curve(paths: Sequence[ShapePath], steps: int = 50) -> pd.DataFrame:
     """Share (0 … 1) of triangles whose distortion is at most the threshold, over all paths.
 
-    threshold       0 … LIMIT, of σ₁/σ₂ + σ₂/σ₁ − 2.
-    share           along X(t, t), all stored times but the first; every path counts alike.
-    straight_share  along the straight lines.
+    Returns:
+        threshold, 0 … LIMIT, of σ₁/σ₂ + σ₂/σ₁ − 2; share, along X(t, t), all stored times but the
+        first, every path with the same weight; straight_share, along the straight lines.
     """
     thresholds = np.linspace(0, LIMIT, steps + 1)
     rows = []

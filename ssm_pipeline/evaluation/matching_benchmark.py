@@ -24,13 +24,16 @@ Geodesics = Callable[[Mesh], np.ndarray]  # (V, V), the mesh's unit
 
 @dataclass(frozen=True, eq=False)
 class MatchingBenchmark:
-    """summary  one row, comparable to a column of the papers' tables: benchmark, method, shapes,
-             pairs, mean_geodesic_error_x100 (over √area), standard_error_x100 (over the pairs),
-             pck_005_percent (of the points, with an error of at most 0.05 √area), auc (0 … 1).
-    pairs    a row per pair: method, x, y, mean_geodesic_error_x100, median_geodesic_error_x100,
-             auc.
-    curve    method, threshold (over √area), share (0 … 1) of correct points, mean over the
-             pairs."""
+    """Tables of a matching benchmark.
+
+    Attributes:
+        summary: One row, comparable to a column of the papers' tables: benchmark, method, shapes,
+            pairs, mean_geodesic_error_x100 (over √area), standard_error_x100 (over the pairs),
+            pck_005_percent (of the points, with an error of at most 0.05 √area), auc (0 … 1).
+        pairs: A row per pair: method, x, y, mean_geodesic_error_x100, median_geodesic_error_x100,
+            auc.
+        curve: method, threshold (over √area), share (0 … 1) of correct points, mean over the pairs.
+    """
 
     summary: pd.DataFrame
     pairs: pd.DataFrame

@@ -47,7 +47,11 @@ class Design:
 
 
 def case_ids_of(table: pd.DataFrame) -> pd.Series:
-    """The ids in a table of covariates, as text. Raises StudyError for a table without them."""
+    """The ids in a table of covariates, as text.
+
+    Raises:
+        StudyError: For a table without them.
+    """
     found = [name for name in ID_COLUMNS if name in table]
     if not found:
         raise StudyError(
