@@ -161,3 +161,12 @@ def test_a_fault_of_the_program_is_not_taken_for_the_disk(tmp_path: Path) -> Nev
         with storage.written_whole(tmp_path / "a.txt"):
             raise ZeroDivisionError
     assert not list(tmp_path.iterdir())
+
+
+def test_ids_of_digits_stay_text(tmp_path: Path) -> None:
+    columns = ("case_id", "patient", "left_out", "nearest_by_surface", "nearest_by_chamfer")
+    ids = ("01", "1", "007", "NA")
+    storage.write_table(pd.DataFrame({name: ids for name in columns}), tmp_path / "cohort.csv")
+    read = storage.read_table(tmp_path / "cohort.csv")
+    for name in columns:
+        assert read[name].tolist() == list(ids)

@@ -18,7 +18,8 @@ from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Mesh
-from ssm_pipeline.stages.report import what_the_report_rests_on
+from ssm_pipeline.runs.layout import MESH
+from ssm_pipeline.stages.report import report_dependencies
 from ssm_pipeline.study.fit_to_cohort import refuse_what_cannot_fit
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import Study
@@ -37,7 +38,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
         StudyError: For settings that don't fit the cases.
     """
     evaluation_depends_on(study.settings)
-    what_the_report_rests_on(study.settings)
+    report_dependencies(study.settings)
     terminal.say(f"settings   {study.path}: in order")
     data = study.settings.data
     if data.source == "phantoms":
@@ -66,7 +67,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
         if len(usable) < FEWEST_CASES:
             terminal.say(f"           at least {FEWEST_CASES} are needed")
         else:
-            meshes = [storage.load(Mesh, folder / r.case_id / "mesh.npz") for r in usable]
+            meshes = [MESH.read(folder / r.case_id / MESH.name) for r in usable]
             left_out = {r.case_id: r.row["left_out_percent"] for r in usable}
             _compare(meshes, left_out, study.settings, terminal, to)
     return len(usable) == len(results) and len(usable) >= FEWEST_CASES
@@ -78,7 +79,7 @@ def _read_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row
 
     given = case.load()
     mesh, quality = quick_mesh(given, settings)
-    storage.save(mesh, folder / "mesh.npz")
+    storage.save(mesh, folder / MESH.name)
     return {
         "warnings": [*given.warnings, *quality.warnings],
         "left_out_percent": 100 * quality.left_out_ml / quality.mask_volume_ml,

@@ -32,6 +32,7 @@ from ssm_pipeline.records import (
     StudyError,
     Surface,
 )
+from ssm_pipeline.runs.layout import MATCHER
 from ssm_pipeline.runs.run import Run, load_run
 from ssm_pipeline.study.new_patient import AS_THE_STUDY, HowToRead, read_patient
 from ssm_pipeline.study.settings import StudySettings
@@ -176,7 +177,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
             surface.case_id,
             "the surface is open or no manifold, and can't be matched. Fit it --by model.",
         )
-    matcher_file = run.folder / "training" / "matcher.pt"
+    matcher_file = run.where(MATCHER)
     if not matcher_file.is_file():
         raise StudyError(f"{run.folder} has no trained matcher. Fit --by model.")
     shapes = run.shapes

@@ -27,7 +27,8 @@ from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import CorrespondedShapes, Mesh, StudyError
-from ssm_pipeline.runs.run import Frames, Run
+from ssm_pipeline.runs.layout import ALIGNED, FRAMES, MESH, MODEL, SHAPES, TEMPLATE, Frames
+from ssm_pipeline.runs.run import Run
 from ssm_pipeline.shape_model.model import ShapeModel, load_model
 from ssm_pipeline.stages.report import renew_report
 from ssm_pipeline.study.settings import StudySettings
@@ -118,12 +119,12 @@ def _checked(model: ShapeModel) -> ShapeModel:
 
 def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None:
     """The files of the stages that a finished run would have left, as far as a model tells."""
-    case_ids = model.case_ids
+    case_ids, files = model.case_ids, Run(folder)
     shapes = CorrespondedShapes(model.reconstruct(model.scores), model.faces, case_ids, case_ids[0])
     still = tuple(Similarity.identity() for _ in case_ids)
     for case_id, vertices in zip(case_ids, shapes.vertices, strict=True):
         mesh = Mesh(vertices, model.faces, case_id)
-        storage.save(mesh, folder / "meshing" / case_id / "mesh.npz")
+        storage.save(mesh, files.where(MESH, case_id))
     tables = {
         "meshing/quality": pd.DataFrame(
             {
@@ -148,11 +149,11 @@ def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None
     }
     for place, table in tables.items():
         storage.write_table(table, folder / f"{place}.csv")
-    storage.write_json(folder / "correspondence" / "template.json", {"template_id": case_ids[0]})
-    storage.save(shapes, folder / "groupwise" / "shapes.npz")
-    storage.save(shapes, folder / "shape_model" / "aligned.npz")
-    storage.save(Frames(case_ids, still), folder / "shape_model" / "frames.npz")
-    model.save(folder / "shape_model" / "model.npz")
+    storage.write_json(files.where(TEMPLATE), {"template_id": case_ids[0]})
+    storage.save(shapes, files.where(SHAPES))
+    storage.save(shapes, files.where(ALIGNED))
+    storage.save(Frames(case_ids, still), files.where(FRAMES))
+    model.save(files.where(MODEL))
     storage.write_text(folder / "study.yaml", settings.to_yaml())
     key = key_of_arrays(model.mean, model.modes, model.variances)
     for stage in (

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ssm_pipeline import storage
 from ssm_pipeline.comparison.anatomy import Anatomy, known_anatomy
 from ssm_pipeline.engine.per_case import CaseTask
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import CaseError, Mesh, PhantomTruth, SurfaceLabels
-from ssm_pipeline.runs.context import Context, patients_of
+from ssm_pipeline.runs.context import Context, patients_of, run_of
+from ssm_pipeline.runs.layout import LABELS, MESH
 from ssm_pipeline.runs.pair_matching import MapCases, PairWork
 from ssm_pipeline.runs.resumable_training import TrainingWork
 from ssm_pipeline.study.settings import StudySettings
@@ -69,8 +69,10 @@ class ComparisonInputs:
             StudyError: The landmarks of the cases can't be used.
         """
 
+        run = run_of(context)
+
         def labels_of(case_id: str) -> SurfaceLabels:
-            return storage.load(SurfaceLabels, context.case_file("meshing", case_id, "labels.npz"))
+            return run.load(LABELS, case_id)
 
         return ComparisonInputs(
             folder=context.folder(),
@@ -78,7 +80,7 @@ class ComparisonInputs:
             case_keys=context.case_keys,
             mesh_keys=context.done["meshing"].case_keys,
             meshes=tuple(meshes),
-            mesh_file=lambda case_id: context.case_file("meshing", case_id, "mesh.npz"),
+            mesh_file=partial(run.finished, MESH),
             patients=patients_of(context, list(context.case_keys)),
             anatomy=known_anatomy(context.settings, meshes, labels_of),
             truth=context.cohort.truth,

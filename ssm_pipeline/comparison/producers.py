@@ -13,6 +13,7 @@ from ssm_pipeline.comparison.registrations import register_cases, require_packag
 from ssm_pipeline.comparison.s3m_rows import s3m_shapes
 from ssm_pipeline.methods import FULL, Kind, Method, folder_name, method_named
 from ssm_pipeline.records import CorrespondedShapes, Correspondence, Mesh
+from ssm_pipeline.runs.layout import CORRESPONDENCE, MATCHER, SHAPES
 from ssm_pipeline.runs.pair_matching import match_mean, match_template, matches_in, round_folder
 from ssm_pipeline.runs.resumable_training import matcher_of_cases
 from ssm_pipeline.runs.run import Run
@@ -65,8 +66,8 @@ def learned_by_run(inputs: ComparisonInputs, run: Run) -> Learned:
     """What the stages before learned from all cases, and the shapes that they made."""
     case_ids, rounds = inputs.case_ids, inputs.settings.groupwise.rounds
     template = run.mesh(run.template_id)
-    once = run.folder / "correspondence"
-    last = round_folder(run.folder / "groupwise", rounds) if rounds else once
+    once = run.stage_folder(CORRESPONDENCE.stage)
+    last = round_folder(run.stage_folder(SHAPES.stage), rounds) if rounds else once
 
     def with_rounds() -> MatchedCohort:
         return MatchedCohort(run.shapes, fitted_points(matches_in(last, case_ids)))
@@ -75,7 +76,7 @@ def learned_by_run(inputs: ComparisonInputs, run: Run) -> Learned:
         return matched_cohort(template, inputs.meshes, lambda *_: matches_in(once, case_ids))
 
     return Learned(
-        matcher=run.folder / "training" / "matcher.pt",
+        matcher=run.where(MATCHER),
         matcher_depends_on=(),
         template=template,
         seen=None,

@@ -15,6 +15,7 @@ from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.methods import Method
 from ssm_pipeline.records import Correspondence, Mesh
+from ssm_pipeline.runs.layout import CORRESPONDENCE
 from ssm_pipeline.runs.pair_matching import all_matched
 
 
@@ -86,5 +87,5 @@ def write_registration(
 
     template, case = (storage.load(Mesh, path) for path in (template_path, case_path))
     match = register(template, case, registration, settings, start, seed)
-    storage.save(match, folder / "correspondence.npz")
+    storage.save(match, folder / CORRESPONDENCE.name)
     return {"case_id": case.case_id, "template_id": template.case_id}

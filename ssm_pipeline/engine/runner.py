@@ -153,6 +153,7 @@ def _bring_up_to_date(
                     done=done,
                     workers=options.workers,
                     case_keys=case_keys,
+                    needs=stage.needs,
                 )
                 log.event("stage started", stage=stage.name, cases=len(case_keys))
                 record = _run_stage(stage, context, kept, inputs, start)

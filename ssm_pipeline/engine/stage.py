@@ -118,16 +118,19 @@ class StageContext(Generic[S]):
     done: Mapping[str, StageRecord]
     workers: Workers
     case_keys: Mapping[str, str] = field(default_factory=dict)
+    needs: tuple[str, ...] = ()
 
     @property
     def seed(self) -> int:
         return self.settings.seed
 
-    def folder(self, stage: str | None = None) -> Path:
-        return self.run_folder / (stage or self.name)
+    @property
+    def readable(self) -> frozenset[str]:
+        """The stages whose files this one may read: the key depends on these alone."""
+        return frozenset((*self.needs, self.name))
 
-    def case_file(self, stage: str, case_id: str, file: str) -> Path:
-        return self.folder(stage) / case_id / file
+    def folder(self) -> Path:
+        return self.run_folder / self.name
 
     def case_key(self, case_id: str, *parts: Any) -> str:
         """Key of this stage's results for a case: its results so far, and `parts`."""

@@ -15,7 +15,8 @@ from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.engine.keys import key_of_arrays
 from ssm_pipeline.engine.per_case import CaseResult, CaseTask, Row
 from ssm_pipeline.records import CaseError, Correspondence, SpectralBasis
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import BASIS, CORRESPONDENCE, PATH, TRAINING_BASIS, CaseFile
 
 if TYPE_CHECKING:  # at run time inside the functions: not every worker needs PyTorch
     from ssm_pipeline.adaptation.pose import CoarsePair
@@ -39,9 +40,9 @@ class Pair:
     method: str
     seed: int
 
-    def bases(self, name: str) -> tuple[SpectralBasis, SpectralBasis]:
-        template, case = (path.with_name(name) for path in (self.template, self.case))
-        return storage.load(SpectralBasis, template), storage.load(SpectralBasis, case)
+    def bases(self, file: CaseFile[SpectralBasis]) -> tuple[SpectralBasis, SpectralBasis]:
+        template, case = (path.with_name(file.name) for path in (self.template, self.case))
+        return file.read(template), file.read(case)
 
     def networks(self) -> tuple[Matcher | None, CoarsePair | None]:
         """The matcher, and the two surfaces as dense as those that it was trained on."""
@@ -49,7 +50,7 @@ class Pair:
             return None, None
         from ssm_pipeline.training.matcher import load_matcher  # only this needs PyTorch
 
-        return load_matcher(self.matcher), self.bases("training_basis.npz")
+        return load_matcher(self.matcher), self.bases(TRAINING_BASIS)
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class PairWork:
     @staticmethod
     def of(context: Context) -> PairWork:
         return PairWork(
-            lambda case_id: context.case_file("spectral", case_id, "basis.npz"),
+            partial(run_of(context).finished, BASIS),
             context.case_key,
             context.map_cases,
             context.settings.adaptation,
@@ -141,10 +142,10 @@ def write_match(pair: Pair, folder: Path) -> Row:
     """Write correspondence.npz."""
     from ssm_pipeline.adaptation.correspond import correspond_bases
 
-    template, case = pair.bases("basis.npz")
+    template, case = pair.bases(BASIS)
     matcher, coarse = pair.networks()
     match = correspond_bases(template, case, matcher, pair.settings, pair.method, coarse, pair.seed)
-    storage.save(match, folder / "correspondence.npz")
+    storage.save(match, folder / CORRESPONDENCE.name)
     return {"case_id": case.case_id, "template_id": template.case_id, "start": match.start}
 
 
@@ -159,10 +160,9 @@ def write_match_of_mean(
     """Write correspondence.npz of a `(V, 3)` mm shape on the template's faces."""
     from ssm_pipeline.adaptation.correspond import correspond_again
 
-    template = storage.load(SpectralBasis, template_path)
-    case = storage.load(SpectralBasis, case_path)
+    template, case = BASIS.read(template_path), BASIS.read(case_path)
     match = correspond_again(start, template, case, settings, seed)
-    storage.save(match, folder / "correspondence.npz")
+    storage.save(match, folder / CORRESPONDENCE.name)
     return {"case_id": case.case_id, "template_id": template.case_id}
 
 
@@ -170,13 +170,13 @@ def write_path(pair: Pair, folder: Path) -> Row:
     """Write path.npz: by the network, unless the match started from rigid alignment."""
     from ssm_pipeline.adaptation.path import shape_path
 
-    template, case = pair.bases("basis.npz")
+    template, case = pair.bases(BASIS)
     matcher, coarse = pair.networks()
-    found = folder.parents[1] / case.case_id / "correspondence.npz"
-    if storage.load(Correspondence, found).start == "rigid":
+    found = folder.parents[1] / case.case_id / CORRESPONDENCE.name
+    if CORRESPONDENCE.read(found).start == "rigid":
         matcher, coarse = None, None
     path = shape_path(template, case, matcher, pair.settings, coarse, pair.seed)
-    storage.save(path, folder / "path.npz")
+    storage.save(path, folder / PATH.name)
     return {"case_id": case.case_id, "template_id": template.case_id}
 
 
@@ -192,10 +192,8 @@ def all_matched(
 
 def matches_in(folder: Path, case_ids: Iterable[str]) -> list[Correspondence]:
     """The correspondences in a folder, one per case."""
-    return [
-        storage.load(Correspondence, folder / case_id / "correspondence.npz")
-        for case_id in case_ids
-    ]
+    name, read = CORRESPONDENCE.name, CORRESPONDENCE.read
+    return [read(folder / case_id / name) for case_id in case_ids]
 
 
 def round_folder(folder: Path, number: int) -> Path:

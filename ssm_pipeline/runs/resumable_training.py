@@ -15,6 +15,7 @@ from ssm_pipeline.engine.keys import key_of, key_of_files
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import DamagedFile, SpectralBasis
 from ssm_pipeline.runs.context import Context, training_bases
+from ssm_pipeline.runs.layout import LOSSES
 from ssm_pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # at run time inside the functions: reading a finished run needs no PyTorch
@@ -102,7 +103,7 @@ def trained_matcher(load_bases: Callable[[], Sequence[SpectralBasis]], job: Trai
         matcher, history = train_resumably(load_bases(), job)
         losses = pd.DataFrame(history)
         losses.insert(0, "step", range(1, len(losses) + 1))
-        storage.write_table(losses, job.folder / "losses.csv")
+        storage.write_table(losses, job.folder / LOSSES.name)
         matcher.save(job.matcher)
         storage.remove(job.checkpoint)
     return job.matcher

@@ -27,44 +27,51 @@ from ssm_pipeline.records import (
     ShapePath,
     StudyError,
 )
-from ssm_pipeline.shape_model.model import ShapeModel, load_model
+from ssm_pipeline.runs.layout import (
+    ALIGNED,
+    COHORT,
+    COHORT_CHECK,
+    COPIES,
+    CORRESPONDENCE,
+    FRAMES,
+    MESH,
+    MESH_QUALITY,
+    MODEL,
+    PATH,
+    SHAPES,
+    TEMPLATE,
+    RunFiles,
+)
+from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.statistics.compare import ShapeComparison
 
 COMPARISONS = "compare"  # the folder of a run that `workflow compare` writes to
+SETTINGS_FILE = "study.yaml"
+EVALUATION = "evaluation"  # the stage whose tables are `Run.metrics`
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Per case, the frame from its own millimetres to the model's."""
-
-    case_ids: tuple[str, ...]
-    frames: tuple[Similarity, ...]
-
-
-@dataclass(frozen=True)
-class Run:
-    """The results in a run's folder; each is read when it is first asked for."""
-
-    folder: Path
+class Run(RunFiles):
+    """The results in a run's folder; each is read when it is first used."""
 
     @cached_property
     def model(self) -> ShapeModel:
-        return load_model(self._file("shape_model", "model.npz"))
+        return self.load(MODEL)
 
     @cached_property
     def shapes(self) -> CorrespondedShapes:
         """The corresponded shapes, each in its own millimetres."""
-        return storage.load(CorrespondedShapes, self._file("groupwise", "shapes.npz"))
+        return self.load(SHAPES)
 
     @cached_property
     def aligned(self) -> CorrespondedShapes:
         """The corresponded shapes in the model's frame."""
-        return storage.load(CorrespondedShapes, self._file("shape_model", "aligned.npz"))
+        return self.load(ALIGNED)
 
     @property
     def frames(self) -> dict[str, Similarity]:
         """Case → frame from its own millimetres to the model's."""
-        stored = storage.load(Frames, self._file("shape_model", "frames.npz"))
+        stored = self.load(FRAMES)
         return dict(zip(stored.case_ids, stored.frames, strict=True))
 
     @property
@@ -76,10 +83,9 @@ class Run:
     def patients(self) -> dict[str, str]:
         """Case → patient, of the cases in the model. Copies of one case count as one patient. An
         imported model knows no patients: each case counts as one."""
-        path = self.folder / "data" / "cohort.csv"
         known: dict[str, str] = {}
-        if path.exists():
-            table = storage.read_table(path)
+        if self.where(COHORT).exists():
+            table = COHORT.read(self.where(COHORT))
             known = dict(zip(table["case_id"], table["patient"], strict=True))
         own = {case_id: known.get(case_id, case_id) for case_id in self.cases}
         return held_together(own, copy_pairs(self.copies))
@@ -88,8 +94,8 @@ class Run:
     def copies(self) -> pd.DataFrame:
         """A row per case that is a copy of another: case_id, copy_of, and the line `exclude` for
         `data.exclude` of the study. Empty if there are none, and for an imported model."""
-        path = self.folder / "cohort_check" / "copies.csv"
-        return storage.read_table(path) if path.exists() else pd.DataFrame(columns=list(COLUMNS))
+        path = self.where(COPIES)
+        return COPIES.read(path) if path.exists() else pd.DataFrame(columns=list(COLUMNS))
 
     @property
     def reflected(self) -> frozenset[str]:
@@ -104,19 +110,16 @@ class Run:
 
     @property
     def template_id(self) -> str:
-        result: str = storage.read_json(self._file("correspondence", "template.json"))[
-            "template_id"
-        ]
-        return result
+        template_id: str = self.load(TEMPLATE)["template_id"]
+        return template_id
 
     def mesh(self, case_id: str) -> Mesh:
         """A case's own surface, in its own millimetres (LPS)."""
-        return storage.load(Mesh, self._file("meshing", case_id, "mesh.npz"))
+        return self.load(MESH, case_id)
 
     def correspondence(self, case_id: str) -> Correspondence:
         """The template matched to the case, before the groupwise rounds; `shapes` is after."""
-        path = self._file("correspondence", case_id, "correspondence.npz")
-        return storage.load(Correspondence, path)
+        return self.load(CORRESPONDENCE, case_id)
 
     def path(self, case_id: str) -> ShapePath:
         """The interpolation template → case.
@@ -124,18 +127,18 @@ class Run:
         Raises:
             StudyError: For a case without one.
         """
-        return storage.load(ShapePath, self._file("correspondence", "paths", case_id, "path.npz"))
+        return self.load(PATH, case_id)
 
     @property
     def path_cases(self) -> tuple[str, ...]:
         """The cases that `path` knows; `report.paths` in the settings is their number."""
-        found = (self.folder / "correspondence" / "paths").glob("*/path.npz")
+        found = (self.stage_folder(PATH.stage) / PATH.folder).glob(f"*/{PATH.name}")
         return tuple(sorted(path.parent.name for path in found))
 
     @property
     def metrics(self) -> Metrics:
         """The evaluation's tables by name, units in the column names."""
-        return storage.load_tables(self._file("evaluation", "stage.json").parent)
+        return storage.load_tables(self.finished_stage(EVALUATION))
 
     @property
     def model_key(self) -> str:
@@ -165,12 +168,12 @@ class Run:
     @property
     def mesh_quality(self) -> pd.DataFrame:
         """A row per case: triangles, Euler number, volume and its change, warnings."""
-        return _with_text(self._file("meshing", "quality.csv"), "warnings")
+        return self.load(MESH_QUALITY)
 
     @property
     def cohort_check(self) -> pd.DataFrame:
         """A row per case: how far it is from the others; `remarks` says what is striking of it."""
-        return _with_text(self._file("cohort_check", "cohort_check.csv"), "remarks")
+        return self.load(COHORT_CHECK)
 
     @property
     def stages(self) -> tuple[StageRecord, ...]:
@@ -181,35 +184,11 @@ class Run:
 
     @property
     def settings(self) -> dict[str, Any]:
-        result: dict[str, Any] = yaml.safe_load(
-            self._file("study.yaml").read_text(encoding="utf-8")
-        )
+        path = self.folder / SETTINGS_FILE
+        if not path.is_file():
+            raise StudyError(f"{self.folder} has no {SETTINGS_FILE}. Run the study again.")
+        result: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
         return result
-
-    def _file(self, *parts: str) -> Path:
-        """A file of a stage.
-
-        Raises:
-            StudyError: If it is absent, or its stage was cut off.
-        """
-        path = self.folder.joinpath(*parts)
-        if len(parts) > 1 and not (self.folder / parts[0] / "stage.json").exists():
-            raise StudyError(
-                f"{self.folder}: the stage {parts[0]} is not finished, so its files may be of "
-                "other settings. Let the run come to its end: workflow run."
-            )
-        if not path.exists():
-            raise StudyError(
-                f"{self.folder} has no {'/'.join(parts)}. Check the case id, or let the run come "
-                "to its end: workflow run."
-            )
-        return path
-
-
-def _with_text(path: Path, column: str) -> pd.DataFrame:
-    """A table with a column of text, empty where nothing is written: also where nowhere is."""
-    table = storage.read_table(path)
-    return table.astype({column: object}).fillna({column: ""})
 
 
 def load_run(folder: str | Path) -> Run:

@@ -14,9 +14,8 @@ from ssm_pipeline.cohort_check.fingerprint import typical_cases
 from ssm_pipeline.cohort_check.judge import judge
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.records import Mesh
-from ssm_pipeline.runs.context import Context
-from ssm_pipeline.runs.run import Run
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import MESH
 
 
 def check_meshes(context: Context) -> Outcome:
@@ -27,8 +26,8 @@ def check_meshes(context: Context) -> Outcome:
     from ssm_pipeline.cohort_check.check import twins
     from ssm_pipeline.report.check_pictures import picture_beside
 
-    run, case_ids = Run(context.run_folder), list(context.case_keys)
-    paths = {case_id: context.case_file("meshing", case_id, "mesh.npz") for case_id in case_ids}
+    run, case_ids = run_of(context), list(context.case_keys)
+    paths = {case_id: run.finished(MESH, case_id) for case_id in case_ids}
     prints = context.map_cases(
         [
             CaseTask(case_id, context.case_key(case_id), partial(fingerprint_case, path))
@@ -78,11 +77,11 @@ def check_meshes(context: Context) -> Outcome:
 def fingerprint_case(path: Path, folder: Path) -> Row:
     from ssm_pipeline.cohort_check.fingerprint import fingerprint
 
-    return fingerprint(storage.load(Mesh, path))
+    return fingerprint(MESH.read(path))
 
 
 def fit_case(path: Path, typical: Sequence[Path], seed: int, folder: Path) -> Row:
     from ssm_pipeline.cohort_check.rigid_fit import fit_to
 
-    others = [storage.load(Mesh, other) for other in typical]
-    return fit_to(storage.load(Mesh, path), others, seed)
+    others = [MESH.read(other) for other in typical]
+    return fit_to(MESH.read(path), others, seed)

@@ -13,10 +13,9 @@ from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.records import StudyError
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import MATCHER, PATH, TEMPLATE, TEMPLATE_LOSSES
 from ssm_pipeline.runs.pair_matching import Pair, PairWork, write_match, write_path
-
-PATHS = "paths"  # folder of the few cases that are interpolated
 
 
 def match_cases(context: Context) -> Outcome:
@@ -37,13 +36,13 @@ def match_cases(context: Context) -> Outcome:
     count = min(context.settings.report.paths, len(others))
     chosen = {others[index * len(others) // count] for index in range(count)}
     starts = {result.case_id: result.row.get("start") for result in results}
-    places = context.folder() / PATHS
+    places = context.folder() / PATH.folder
     for place in places.glob("*"):
         if place.name not in chosen:  # of other settings
             shutil.rmtree(place)
     walked = [task(case_id, write_path, starts[case_id]) for case_id in sorted(chosen)]
     context.map_cases(walked, folder=places)
-    storage.write_json(context.folder() / "template.json", {"template_id": template_id})
+    storage.write_json(context.folder() / TEMPLATE.name, {"template_id": template_id})
     note = f"template {template_id}"
     if matcher is not None:
         counts = Counter(str(result.row["start"]) for result in results if result.dropped is None)
@@ -54,13 +53,13 @@ def match_cases(context: Context) -> Outcome:
 def _matcher_and_method(context: Context) -> tuple[Path | None, str]:
     if context.settings.matching == "none":
         return None, "adaptation only"
-    return context.folder("training") / "matcher.pt", FULL
+    return run_of(context).finished(MATCHER), FULL
 
 
 def _template(context: Context) -> str:
     wanted = context.settings.template
     if wanted is None:
-        losses = storage.read_table(context.folder("training") / "template_losses.csv")
+        losses = run_of(context).load(TEMPLATE_LOSSES)
         return str(losses.loc[losses["mean_loss"].idxmin(), "case_id"])
     if wanted not in context.case_keys:
         raise StudyError(

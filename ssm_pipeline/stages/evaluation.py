@@ -17,7 +17,7 @@ from ssm_pipeline.comparison.scores import ScoredMethods, score_methods
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import Mesh, Metrics
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
 from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.sources import Luna16Data
@@ -25,7 +25,7 @@ from ssm_pipeline.study.sources import Luna16Data
 
 def evaluate_methods(context: Context) -> Outcome:
     """<method>/scores/*.csv per method, the same tables of all together, and comparison.csv."""
-    run = Run(context.run_folder)
+    run = run_of(context)
     inputs = ComparisonInputs.of(context, [run.mesh(i) for i in context.case_keys])
     scored = score_methods(inputs, learned_by_run(inputs, run), compared(inputs))
     tables = method_tables(inputs, scored) | model_tables(inputs, run)

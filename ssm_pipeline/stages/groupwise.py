@@ -6,9 +6,9 @@ from functools import partial
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import CORRESPONDENCE, SHAPES
 from ssm_pipeline.runs.pair_matching import PairWork, match_mean, matches_in
-from ssm_pipeline.runs.run import Run
 
 
 def match_means(context: Context) -> Outcome:
@@ -16,11 +16,11 @@ def match_means(context: Context) -> Outcome:
     from ssm_pipeline.shape_model.collected_points import collect
     from ssm_pipeline.shape_model.groupwise_rounds import groupwise_rounds
 
-    run, settings = Run(context.run_folder), context.settings.groupwise
+    run, settings = run_of(context), context.settings.groupwise
     meshes = [run.mesh(case_id) for case_id in context.case_keys]
-    matches = matches_in(context.folder("correspondence"), context.case_keys)
+    matches = matches_in(run.stage_folder(CORRESPONDENCE.stage), context.case_keys)
     shapes = collect(run.mesh(run.template_id), matches, meshes)
     match = partial(match_mean, PairWork.of(context), run.template_id, context.folder())
     shapes = groupwise_rounds(shapes, meshes, settings, match)
-    storage.save(shapes, context.folder() / "shapes.npz")
+    storage.save(shapes, context.folder() / SHAPES.name)
     return Outcome(context.case_keys, note=f"{settings.rounds} rounds")

@@ -9,8 +9,8 @@ from ssm_pipeline.stages.correspondence import match_cases
 from ssm_pipeline.stages.data import data_dependencies, list_cases
 from ssm_pipeline.stages.evaluation import evaluate_methods
 from ssm_pipeline.stages.groupwise import match_means
-from ssm_pipeline.stages.meshing import make_meshes, what_meshes_rest_on
-from ssm_pipeline.stages.report import what_the_report_rests_on, write_report
+from ssm_pipeline.stages.meshing import make_meshes, meshing_dependencies
+from ssm_pipeline.stages.report import report_dependencies, write_report
 from ssm_pipeline.stages.shape_model import build_model
 from ssm_pipeline.stages.spectral import make_bases
 from ssm_pipeline.stages.training import train_matcher, what_training_rests_on
@@ -22,7 +22,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         list_cases,
         data_dependencies,
     ),
-    Stage("meshing", make_meshes, what_meshes_rest_on, needs=("data",), version=2),
+    Stage("meshing", make_meshes, meshing_dependencies, needs=("data",), version=2),
     Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",), version=3),
     Stage(
         "spectral",
@@ -55,7 +55,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         "groupwise",
         match_means,
         lambda s: {"groupwise": s.groupwise, "adaptation": s.adaptation, "seed": s.seed},
-        needs=("spectral", "correspondence"),
+        needs=("meshing", "spectral", "correspondence"),
         version=2,
     ),
     Stage("shape_model", build_model, lambda s: s.shape_model, needs=("groupwise",), version=3),
@@ -63,8 +63,30 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         "evaluation",
         evaluate_methods,
         evaluation_depends_on,
-        needs=("shape_model", "cohort_check"),
+        needs=(
+            "meshing",
+            "cohort_check",
+            "spectral",
+            "training",
+            "correspondence",
+            "groupwise",
+            "shape_model",
+        ),
         version=4,
     ),
-    Stage("report", write_report, what_the_report_rests_on, needs=("evaluation",)),
+    Stage(
+        "report",
+        write_report,
+        report_dependencies,
+        needs=(
+            "data",
+            "meshing",
+            "cohort_check",
+            "training",
+            "correspondence",
+            "groupwise",
+            "shape_model",
+            "evaluation",
+        ),
+    ),
 )

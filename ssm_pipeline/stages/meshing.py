@@ -13,17 +13,18 @@ from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.meshing.settings import MeshingSettings
 from ssm_pipeline.records import CaseSource, Surface
 from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.layout import LABELS, MESH
 from ssm_pipeline.study.settings import StudySettings
 
 
 def make_meshes(context: Context) -> Outcome:
     """<case>/mesh.npz, labels.npz where the masks have several parts; quality.csv."""
-    settings, rests_on = context.settings.meshing, what_meshes_rest_on(context.settings)
+    settings, depends_on = context.settings.meshing, meshing_dependencies(context.settings)
     results = context.map_cases(
         [
             CaseTask(
                 case.case_id,
-                context.case_key(case.case_id, rests_on),
+                context.case_key(case.case_id, depends_on),
                 partial(mesh_case, case, settings),
             )
             for case in context.cohort.cases
@@ -34,7 +35,7 @@ def make_meshes(context: Context) -> Outcome:
     return context.outcome(results)
 
 
-def what_meshes_rest_on(settings: StudySettings) -> Any:
+def meshing_dependencies(settings: StudySettings) -> Any:
     """The settings of meshing, and whether labels of parts are kept."""
     if not settings.data.has_parts:
         return settings.meshing
@@ -53,7 +54,7 @@ def mesh_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
     else:
         mesh, quality = mesh_with_quality(given, settings)
         if given.labels is not None:
-            storage.save(surface_labels(mesh, given), folder / "labels.npz")
-    storage.save(mesh, folder / "mesh.npz")
+            storage.save(surface_labels(mesh, given), folder / LABELS.name)
+    storage.save(mesh, folder / MESH.name)
     remarks = {"warnings": "; ".join([*given.warnings, *quality.warnings])}
     return {"case_id": case.case_id, **dataclasses.asdict(quality), **remarks}

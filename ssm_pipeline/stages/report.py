@@ -17,8 +17,9 @@ from ssm_pipeline.engine.process import versions
 from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.report.settings import ReportSettings
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
 from ssm_pipeline.runs.landmark_file import landmarks_on_template
+from ssm_pipeline.runs.layout import LOSSES, REPORT_PAGE
 from ssm_pipeline.runs.run import Run
 from ssm_pipeline.study.settings import StudySettings
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from ssm_pipeline.report.content import ReportContent
 
 
-def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
+def report_dependencies(settings: StudySettings) -> dict[str, Any]:
     """Its settings, and what the landmark file holds.
 
     Raises:
@@ -41,7 +42,7 @@ def what_the_report_rests_on(settings: StudySettings) -> dict[str, Any]:
 
 def write_report(context: Context) -> Outcome:
     """index.html: the page, one file."""
-    _write_page(Run(context.run_folder), context.settings.report)
+    _write_page(run_of(context), context.settings.report)
     return Outcome(context.case_keys)
 
 
@@ -64,7 +65,7 @@ def _write_page(run: Run, settings: ReportSettings) -> Path:
     if settings.landmarks is not None:
         landmarks = landmarks_on_template(settings.landmarks, run)
         content = dataclasses.replace(content, landmarks=landmarks)
-    path = run.folder / "report" / "index.html"
+    path = run.where(REPORT_PAGE)
     write_page(content, path, settings)
     return path
 
@@ -114,15 +115,14 @@ def report_content(run: Run) -> ReportContent:
         comparisons=run.comparisons,
         check_pictures={
             path.stem: path.read_bytes()
-            for path in sorted((run.folder / "cohort_check" / "pictures").glob("*.png"))
+            for path in sorted((run.stage_folder("cohort_check") / "pictures").glob("*.png"))
         },
     )
 
 
 def _losses(run: Run) -> pd.DataFrame | None:
     """A row per step of the training; None for a study without a network."""
-    path = run.folder / "training" / "losses.csv"
-    return pd.read_csv(path) if path.exists() else None
+    return run.load(LOSSES) if run.where(LOSSES).exists() else None
 
 
 def _cohort(run: Run) -> pd.DataFrame:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.runs.context import Context
-from ssm_pipeline.runs.run import Frames, Run
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import ALIGNED, FRAMES, MODEL, Frames
 
 
 def build_model(context: Context) -> Outcome:
@@ -13,13 +13,13 @@ def build_model(context: Context) -> Outcome:
     from ssm_pipeline.shape_model.alignment import align
     from ssm_pipeline.shape_model.pca import pca_model
 
-    shapes, case_ids = Run(context.run_folder).shapes, tuple(context.case_keys)
+    shapes, case_ids = run_of(context).shapes, tuple(context.case_keys)
     aligned, frames = align(shapes, with_scale=context.settings.shape_model.with_scale)
     model = pca_model(aligned)
     folder = context.folder()
-    storage.save(aligned, folder / "aligned.npz")
-    storage.save(Frames(case_ids, frames), folder / "frames.npz")
-    model.save(folder / "model.npz")
+    storage.save(aligned, folder / ALIGNED.name)
+    storage.save(Frames(case_ids, frames), folder / FRAMES.name)
+    model.save(folder / MODEL.name)
     return Outcome(
         context.case_keys, note=f"{model.mode_count} modes, {model.modes_for(0.9)} hold 90 %"
     )

@@ -8,22 +8,21 @@ from pathlib import Path
 from ssm_pipeline import storage
 from ssm_pipeline.engine.per_case import CaseTask, Row
 from ssm_pipeline.engine.stage import Outcome
-from ssm_pipeline.records import Mesh
-from ssm_pipeline.runs.context import Context
+from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.layout import BASIS, MESH, TRAINING_BASIS
 from ssm_pipeline.spectral.settings import SpectralSettings
 
 
 def make_bases(context: Context) -> Outcome:
     """<case>/basis.npz and <case>/training_basis.npz; spectra.csv."""
-    settings, faces = context.settings.spectral, context.settings.training.faces
+    run, settings = run_of(context), context.settings.spectral
+    faces = context.settings.training.faces
     results = context.map_cases(
         [
             CaseTask(
                 case_id,
                 context.case_key(case_id, settings, faces),
-                partial(
-                    basis_case, context.case_file("meshing", case_id, "mesh.npz"), settings, faces
-                ),
+                partial(basis_case, run.finished(MESH, case_id), settings, faces),
             )
             for case_id in context.case_keys
         ]
@@ -39,11 +38,11 @@ def basis_case(
     from ssm_pipeline.meshing.decimation import decimate
     from ssm_pipeline.spectral.basis import spectral_basis
 
-    mesh = storage.load(Mesh, mesh_path)
+    mesh = MESH.read(mesh_path)
     coarse = decimate(mesh, training_faces)
     basis, training_basis = spectral_basis(mesh, settings), spectral_basis(coarse, settings)
-    storage.save(basis, folder / "basis.npz")
-    storage.save(training_basis, folder / "training_basis.npz")
+    storage.save(basis, folder / BASIS.name)
+    storage.save(training_basis, folder / TRAINING_BASIS.name)
     return {
         "case_id": mesh.case_id,
         "vertices": len(mesh.vertices),

@@ -6,6 +6,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 from ssm_pipeline.runs.context import Context, training_bases
+from ssm_pipeline.runs.layout import LOSSES, MATCHER
 from ssm_pipeline.runs.resumable_training import (
     TrainingJob,
     key_of_start,
@@ -30,12 +31,12 @@ def train_matcher(context: Context) -> Outcome:
     )
     matcher, history = train_resumably(bases, job)
     _, template_losses = choose_template(matcher, bases)
-    matcher.save(folder / "matcher.pt")
+    matcher.save(folder / MATCHER.name)
     rows = [{"step": step, **losses} for step, losses in enumerate(history, start=1)]
     if rows:
         context.write_table("losses", rows)
     else:
-        storage.remove(folder / "losses.csv")
+        storage.remove(folder / LOSSES.name)
     context.write_table("template_losses", template_losses.to_dict("records"))
     storage.remove(job.checkpoint)
     extent = template_losses["map_extent"].median()
@@ -66,7 +67,7 @@ def _rank_templates(context: Context) -> Outcome:
 
     partners = context.settings.training.template_pairs
     ranked = rank_templates_by_distance(training_bases(context), partners, context.seed)
-    for name in ("matcher.pt", "losses.csv"):  # of other settings
+    for name in (MATCHER.name, LOSSES.name):  # of other settings
         storage.remove(context.folder() / name)
     context.write_table("template_losses", ranked.to_dict("records"))
     return Outcome(context.case_keys, note="no network")

@@ -120,7 +120,7 @@ def double_stage(context: StageContext, diary: Path) -> Outcome:
 
 def sum_stage(context: StageContext) -> Outcome:
     total = sum(
-        int(context.case_file("double", case, "doubled.txt").read_text())
+        int((context.run_folder / "double" / case / "doubled.txt").read_text())
         for case in context.case_keys
     )
     storage.write_text(context.folder() / "sum.txt", str(total))
