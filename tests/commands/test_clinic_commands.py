@@ -399,6 +399,13 @@ def test_no_byte_of_a_pseudonymised_export_tells_an_id(workflow: Workflow, run: 
     key_file = run / "pseudonyms.csv"
     assert stat.S_IMODE(key_file.stat().st_mode) == 0o600
     key = pd.read_csv(key_file).set_index("pseudonym")["case_id"]
+    # Whatever the order of the rows, each row is of its own case.
+    measured = pd.read_csv("out/measurements.csv").set_index("shape")["volume_ml"]
+    assert list(key.sort_index()) != list(IDS)
+    for pseudonym, case_id in key.items():
+        mesh = load_run(run).mesh(case_id)
+        expected = volume(mesh.vertices, mesh.faces) / 1e3
+        assert measured[pseudonym] == pytest.approx(expected, rel=1e-6)
     model = load_run(run).model
     for row in scores.set_index("case_id").itertuples():
         own = model.scores[model.case_ids.index(key[row.Index])]
