@@ -13,6 +13,7 @@ from source_files import all_modules
 
 ROOT = Path(__file__).parents[1]
 ROOMS = (
+    "counting",
     "geometry",
     "records",
     "settings",
@@ -46,9 +47,9 @@ ROOMS = (
     "__main__",
 )
 # The engine runs stages of anything: it knows files, cases and processes, and no shape.
-ENGINE_MAY_USE = {"parallel", "records", "settings", "storage"}
+ENGINE_MAY_USE = {"counting", "parallel", "records", "settings", "storage"}
 # data_prep makes what meshing takes, and phantoms and benchmarks are made of geometry.
-DATA_PREP_MAY_USE = {"records", "settings", "storage", "geometry", "meshing"}
+DATA_PREP_MAY_USE = {"counting", "records", "settings", "storage", "geometry", "meshing"}
 MODULES = all_modules()
 
 

@@ -11,17 +11,20 @@ FEWEST = 6  # characters kept of a longer id
 
 
 def short_names(case_ids: Sequence[str]) -> dict[str, str]:
-    """Case id → what the page calls it: the id itself, or the part of it that tells cases apart.
+    """Return, per case id, the name that the page shows.
 
-    Of long ids, as many of the last characters as differ ("…853377"), or of the first, or what is
-    left between a common beginning and a common end, whichever is shortest.
+    Ids of at most 28 characters stay. Of a longer id, the name keeps the part that tells the long
+    ids apart: the last characters ("…853377"), the first ones, or the middle between a common
+    beginning and a common end, whichever is shortest.
 
     >>> short_names(["a" * 40 + "1234567", "a" * 40 + "7654321"])["a" * 40 + "1234567"]
     '…234567'
     """
-    if max(map(len, case_ids), default=0) <= LONGEST:
-        return {case_id: case_id for case_id in case_ids}
-    distinct = sorted(set(case_ids))
+    names = {case_id: case_id for case_id in case_ids if len(case_id) <= LONGEST}
+    # A few long ids do not shorten the others.
+    distinct = sorted(set(case_ids) - set(names))
+    if not distinct:
+        return names
     begin = _shared(distinct)
     end = _shared([case_id[::-1] for case_id in distinct])
     tail = _fewest(distinct, lambda case_id, n: case_id[-n:])
@@ -34,10 +37,10 @@ def short_names(case_ids: Sequence[str]) -> dict[str, str]:
         },
         {c: f"…{_middle(c, begin, end)}…" for c in distinct},
     ]
-    unique = [names for names in ways if len(set(names.values())) == len(distinct)]
+    unique = [way for way in ways if len({*way.values(), *names}) == len(distinct) + len(names)]
     # A beginning or an end reads better than a middle, where it is short enough.
-    ends = [names for names in unique[:2] if max(map(len, names.values())) <= LONGEST // 2]
-    return min(ends or unique, key=lambda names: max(map(len, names.values())))
+    ends = [way for way in unique[:2] if max(map(len, way.values())) <= LONGEST // 2]
+    return names | min(ends or unique, key=lambda way: max(map(len, way.values())))
 
 
 def _beginning(case_id: str, count: int) -> str:

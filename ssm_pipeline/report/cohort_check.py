@@ -11,7 +11,7 @@ from ssm_pipeline.report.tables import ReadableTable, readable
 
 @dataclass(frozen=True)
 class CheckedCase:
-    """name as shown; picture: a data address or None; remark: what is striking, or empty."""
+    """A case that does not look like the others: `picture` is a data address or None."""
 
     case_id: str
     name: str
@@ -21,17 +21,23 @@ class CheckedCase:
 
 @dataclass(frozen=True)
 class CohortCheck:
-    """cases, those with a remark first; the whole table; how many have a remark."""
+    """The cohort check for the page.
 
-    cases: tuple[CheckedCase, ...]
+    Attributes:
+        shown: The cases with a remark, each with its picture.
+        table: All cases; those with a remark first.
+        count: How many cases were checked.
+    """
+
+    shown: tuple[CheckedCase, ...]
     table: ReadableTable
-    striking: int
+    count: int
 
 
 def check_cases(content: ReportContent) -> CohortCheck | None:
-    """The table `cohort_check` for reading; None where the run has none.
+    """Format the table `cohort_check`; None if the run has none.
 
-    A case is striking where the check wrote a remark: its thresholds stand there, once.
+    The remarks of the check decide which cases are shown. The thresholds are defined there.
     """
     table = content.check
     if table is None or table.empty:
@@ -43,7 +49,7 @@ def check_cases(content: ReportContent) -> CohortCheck | None:
     order = table["case_id"].astype(str).map(lambda case_id: remarks[case_id] == "")
     table = table.loc[order.sort_values(kind="stable").index]
     return CohortCheck(
-        cases=tuple(
+        shown=tuple(
             CheckedCase(
                 case_id,
                 names.get(case_id, case_id),
@@ -51,9 +57,10 @@ def check_cases(content: ReportContent) -> CohortCheck | None:
                 remarks[case_id],
             )
             for case_id in table["case_id"].astype(str)
+            if remarks[case_id]
         ),
         table=readable(table, names, keep=("case_id", *scores)),
-        striking=sum(remark != "" for remark in remarks.values()),
+        count=len(table),
     )
 
 

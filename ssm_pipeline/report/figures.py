@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ssm_pipeline import storage
 from ssm_pipeline.records import ShapePath
@@ -46,7 +47,7 @@ def mode_figure(model: ShapeModel, settings: FigureSettings = _PLAIN) -> Figure:
         share = 100 * model.variances / model.variances.sum()
         for mode in range(count):
             minus, plus = images[1 + 2 * mode : 3 + 2 * mode]
-            _show(axes[0, mode + 1], minus, f"mode {mode + 1} ({share[mode]:.0f} %)")
+            _show(axes[0, mode + 1], minus, f"mode {mode + 1}\n{share[mode]:.0f} %")
             _show(axes[1, mode + 1], plus, "")
         for axis, sign in zip(axes[:, 1], "−+", strict=True):
             _row_label(axis, f"{sign}{settings.deviations:g} SD")
@@ -145,6 +146,7 @@ def curves(
                     line["modes"], low, high, alpha=0.2, linewidth=0, color=style["color"]
                 )
             axis.set(title=name, xlabel="number of modes")
+            axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
             axis.set_ylabel("variance (%)" if name == "compactness" else DISTANCES[distance])
             axis.spines[["top", "right"]].set_visible(False)
         if len(methods) > 1:

@@ -115,10 +115,10 @@ def _patient(fit: FitReport, name: str, settings: ReportSettings, block: Block) 
         "observedPercent": f"{100 * fit.observed_share:.0f}",
         "radiusMm": f"{np.median(fit.radius_mm):.2f}",
         "judged": [
-            _judged("Residual", "mm", 2, typicality.residual),
+            _judged("Distance, mean", "mm", 2, typicality.residual),
             _judged("Mahalanobis distance", "SD", 1, typicality.mahalanobis),
             {
-                "name": "Turned by",
+                "name": "Rotated by",
                 "value": f"{typicality.turned_deg:.0f}°",
                 "threshold": f"{typicality.turned_threshold_deg:.0f}°",
                 "tail": "",
@@ -132,6 +132,9 @@ def _judged(name: str, unit: str, digits: int, judged: Judged) -> dict[str, Any]
     return {
         "name": name,
         "value": f"{judged.value:.{digits}f} {unit}",
+        "number": f"{judged.value:.{digits}f}",
+        "unit": unit,
+        "tailPercent": f"{100 * judged.tail:.6g}",
         "threshold": f"{judged.threshold:.{digits}f} {unit}",
         "tail": "< 0.1 %" if judged.tail < 0.001 else f"{100 * judged.tail:.1f} %",
         "isFlagged": judged.is_flagged,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ import pandas as pd
 
 from ssm_pipeline.methods import FULL, find_method
 from ssm_pipeline.report.rounding import FINE, round_up
-from ssm_pipeline.report.tables import p_text, text
+from ssm_pipeline.report.tables import p_text, saved_value, text
 
 ALPHA = 0.05
 Column = tuple[str, str, str, str]  # prefix of its columns, heading, subtitle, unit
@@ -37,14 +38,16 @@ _UNIT_TEXT = {"mm": "mm", "percent": "%"}
 
 @dataclass(frozen=True)
 class Difference:
-    """A method minus the full one on the same cases: the value and its 95 % interval low … high.
-
-    The verdict is better or worse if the interval does not contain 0 and p, if any, is below 0.05.
+    """A method minus the full one over the same cases.
 
     Attributes:
-        p: With Holm's correction for the number of methods; NaN if it was not computed.
-        at: Position on the axis that all rows share, in percent; 50 is no difference. at_low and
-            at_high are the positions of the interval's ends.
+        low: Lower end of the 95 % interval.
+        value: The mean difference.
+        high: Upper end of the 95 % interval.
+        p: Adjusted for the number of methods (Holm); NaN if it was not computed.
+        at_low: Position of `low` on the axis that all rows share, in percent; 50 is no difference.
+        at: Position of `value`.
+        at_high: Position of `high`.
     """
 
     low: float
@@ -57,14 +60,17 @@ class Difference:
 
     @property
     def verdict(self) -> str:
+        """Better or worse if the interval excludes 0 and p, if there is one, is below 0.05."""
         if pd.notna(self.p) and self.p >= ALPHA:
             return "alike"
         return "better" if self.high < 0 else "worse" if self.low > 0 else "alike"
 
     @property
     def shown(self) -> str:
-        """The value with its sign, unless it is rounded to zero."""
-        return f"{'+' if float(f'{self.value:.2f}') > 0 else ''}{text(self.value)}"
+        """The difference with its sign; a clear one has digits enough not to read as zero."""
+        decimals = 2 if self.verdict == "alike" else _decimals(self.value)
+        shown = text(self.value, decimals)
+        return f"+{shown}" if float(f"{self.value:.{decimals}f}") > 0 else shown
 
     @property
     def is_off(self) -> bool:
@@ -77,33 +83,90 @@ class Difference:
 
     @property
     def label(self) -> str:
-        interval = f"{text(self.low)} to {text(self.high)}"
+        ends = (self.low, self.value, self.high)
+        decimals = 2 if self.verdict == "alike" else max(map(_decimals, ends))
+        low, value, high = (text(end, decimals) for end in ends)
         p = f", p {p_text(self.p)}" if pd.notna(self.p) else ""
-        return f"{text(self.value)} ({interval}{p}): {self.verdict}"
+        return f"{value} ({low} to {high}{p}): {self.verdict}"
+
+
+def _decimals(value: float) -> int:
+    """Two, and more where a small value would read as zero.
+
+    >>> _decimals(0.12), _decimals(-0.0048), _decimals(0.0)
+    (2, 4, 2)
+    """
+    return 2 if value == 0 or abs(value) >= 0.01 else min(1 - math.floor(math.log10(abs(value))), 6)
+
+
+@dataclass(frozen=True)
+class Score:
+    """A method's value of one measure, with its standard error (NaN: unknown) and difference.
+
+    `missing` is true where the other rows have a difference and this one has none.
+    """
+
+    value: float
+    error: float
+    decimals: int
+    difference: Difference | None = None
+    missing: bool = False
+
+    @property
+    def shown(self) -> str:
+        shown = text(self.value, self.decimals)
+        return shown if math.isnan(self.error) else f"{shown} ± {text(self.error, self.decimals)}"
+
+    @property
+    def saved(self) -> tuple[str, ...]:
+        """Value and standard error, as the CSV holds them."""
+        return saved_value(self.value), saved_value(self.error)
+
+    @property
+    def saved_difference(self) -> tuple[str, ...]:
+        """Difference, the ends of its interval, and p, as the CSV holds them."""
+        d = self.difference
+        return ("",) * 4 if d is None else tuple(map(saved_value, (d.value, d.low, d.high, d.p)))
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One column; the subtitle holds the unit, and axis is half the width of the interval plot."""
+    """One measure of the table.
+
+    Attributes:
+        title: Shown above.
+        subtitle: The kind of distance, with its unit.
+        has_difference: Whether the difference from the full method is drawn with its interval.
+        axis: Half the width of the interval plot.
+    """
 
     title: str
     subtitle: str
-    has_difference: bool  # whether the difference is drawn with its interval
+    has_difference: bool
     axis: str
+
+    @property
+    def saved(self) -> tuple[str, ...]:
+        """Names of the CSV's columns of value and standard error."""
+        name = f"{self.title}, {self.subtitle}"
+        return name, f"{name}, standard error"
+
+    @property
+    def saved_difference(self) -> tuple[str, ...]:
+        """Names of the CSV's columns of the difference."""
+        name = f"{self.title}: difference from full"
+        return name, f"{name}, low", f"{name}, high", f"{self.title}: p (Holm)"
 
 
 @dataclass(frozen=True)
 class MethodRow:
-    """One row. Each cell has a value and a difference.
-
-    uses_network and saw_case are None if they are not known, and for the floor of the distance.
-    """
+    """One method: `uses_network` and `saw_case` are None if unknown, and for a floor."""
 
     method: str
     kind: str  # "method", "full" or "floor"
     uses_network: bool | None
     saw_case: bool | None
-    cells: tuple[tuple[str, Difference | None], ...]
+    cells: tuple[Score, ...]
 
     @property
     def label(self) -> str:
@@ -121,11 +184,22 @@ class MethodTable:
 
     @property
     def has_differences(self) -> bool:
-        return any(difference is not None for row in self.rows for _, difference in row.cells)
+        return any(cell.difference is not None for row in self.rows for cell in row.cells)
+
+    @property
+    def has_missing(self) -> bool:
+        """Whether a row lacks a difference that other rows have."""
+        return any(cell.missing for row in self.rows for cell in row.cells)
+
+    @property
+    def lacks_specificity(self) -> bool:
+        """Whether specificity has no differences beside other measures that have them."""
+        alone = [m for m in self.measures if not m.has_difference]
+        return len(alone) < len(self.measures) and any(m.title == "Specificity" for m in alone)
 
     @property
     def has_p(self) -> bool:
-        differences = [difference for row in self.rows for _, difference in row.cells]
+        differences = [cell.difference for row in self.rows for cell in row.cells]
         return any(d is not None and pd.notna(d.p) for d in differences)
 
     @property
@@ -170,7 +244,7 @@ def _method_table(
     measures: Sequence[Column],
     traits: Mapping[str, tuple[bool | None, bool | None]],
 ) -> MethodTable:
-    drawn = {m for m in measures if m in _FIRST and f"{m[0]}_difference_{m[3]}" in table}
+    drawn = {m for m in measures if m in _FIRST and _has_differences(table, m)}
     ranges = {m: _range(table, m[0], m[3]) for m in measures}
     rows = [
         MethodRow(
@@ -178,10 +252,7 @@ def _method_table(
             "full" if row["method"] == FULL else "method",
             *traits[str(row["method"])],
             tuple(
-                (
-                    _value(row, m[0], m[3]),
-                    None if row["method"] == FULL else _difference(row, m[0], m[3], ranges[m]),
-                )
+                _score(row, m, ranges[m], needs_difference=m in drawn and row["method"] != FULL)
                 for m in measures
             ),
         )
@@ -196,6 +267,12 @@ def _method_table(
         any(row.uses_network is not None for row in rows),
         any(row.saw_case is not None for row in rows),
     )
+
+
+def _has_differences(table: pd.DataFrame, measure: Column) -> bool:
+    """Whether any method but the full one has a difference from it."""
+    column = f"{measure[0]}_difference_{measure[3]}"
+    return column in table and bool(table.loc[table["method"] != FULL, column].notna().any())
 
 
 def _column(measure: Column) -> str:
@@ -262,11 +339,17 @@ def _flag(rows: pd.DataFrame, column: str, otherwise: bool | None) -> bool | Non
     return bool(rows[column].astype(bool).any())
 
 
-def _value(row: pd.Series, prefix: str, unit: str) -> str:
-    decimals = 2 if unit == "mm" else 1
+def _score(row: pd.Series, measure: Column, reach: float, needs_difference: bool) -> Score:
+    prefix, unit = measure[0], measure[3]
     value, error = row[f"{prefix}_{unit}"], row.get(f"{prefix}_se_{unit}")
-    shown = text(value, decimals)
-    return shown if error is None or pd.isna(error) else f"{shown} ± {text(error, decimals)}"
+    difference = None if row["method"] == FULL else _difference(row, prefix, unit, reach)
+    return Score(
+        value=float("nan") if pd.isna(value) else float(value),
+        error=float("nan") if error is None or pd.isna(error) else float(error),
+        decimals=2 if unit == "mm" else 1,
+        difference=difference,
+        missing=needs_difference and difference is None,
+    )
 
 
 def _difference(row: pd.Series, prefix: str, unit: str, reach: float) -> Difference | None:
@@ -296,12 +379,13 @@ def _range(table: pd.DataFrame, prefix: str, unit: str) -> float:
 
 def _floor(metrics: Mapping[str, pd.DataFrame], measures: Sequence[Column]) -> MethodRow | None:
     """The Chamfer distance between two samplings of one surface: no method can be below it."""
-    values: dict[str, str] = {}
+    values: dict[str, float] = {}
     for name in ("generalisation", "specificity"):
         table = metrics.get(name)
         if table is not None and "chamfer_floor_mm" in table:
-            values[f"{name}_chamfer"] = text(table["chamfer_floor_mm"].mean())
+            values[f"{name}_chamfer"] = float(table["chamfer_floor_mm"].mean())
     if not any(prefix in values for prefix, *_ in measures):
         return None
-    cells = tuple((values.get(prefix, ""), None) for prefix, *_ in measures)
+    nan = float("nan")
+    cells = tuple(Score(values.get(prefix, nan), nan, 2) for prefix, *_ in measures)
     return MethodRow("floor of the distance", "floor", None, None, cells)

@@ -45,7 +45,8 @@ def page_html(content: ReportContent, settings: ReportSettings) -> str:
         seed=content.seed,
         facts=_facts(content),
         pictures=_pictures(content, settings),
-        tables=page_tables(content),
+        tables=page_tables(content, min(settings.modes, content.model.mode_count)),
+        modes_shown=_modes_shown(content, settings),
         methods=method_tables(metrics, content.has_network),
         methods_95=method_tables(at_95, content.has_network),
         check=check_cases(content),
@@ -97,6 +98,18 @@ def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
         ("Vertices per shape", str(len(model.mean)), ""),
         ("Template", content.names[template], template),
     ]
+
+
+def _modes_shown(content: ReportContent, settings: ReportSettings) -> str:
+    """Which of the modes the page shows, if not all."""
+    model = content.model
+    if model.mode_count <= settings.modes:
+        return ""
+    share = 100 * model.variances[: settings.modes].sum() / model.variances.sum()
+    return (
+        f"{settings.modes} of {model.mode_count} modes are shown; they hold {share:.1f} % of the "
+        "variance. The setting report.modes shows more."
+    )
 
 
 def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from ssm_pipeline.report.curves import distances_in, quality_curves
 from ssm_pipeline.report.headings import heading
 from ssm_pipeline.report.method_table import without_shown
 from ssm_pipeline.report.tables import ReadableTable, readable
+from ssm_pipeline.shape_model.model import ShapeModel
 
 _TITLES = {
     "comparison": "The rest of the comparison",
@@ -42,18 +43,19 @@ _PLACED = {
 
 @dataclass(frozen=True)
 class PageTables:
-    """What the page shows as tables; None where the run made none. others: (title, table)."""
+    """The tables of the page; None if the run made none. `others` holds (title, table)."""
 
     cohort: ReadableTable
     correspondence: ReadableTable
+    scores: ReadableTable
     stages: ReadableTable | None
     generalisation: ReadableTable | None
     specificity: ReadableTable | None
     others: tuple[tuple[str, ReadableTable], ...]
 
 
-def page_tables(content: ReportContent) -> PageTables:
-    """Every table of the page, for reading."""
+def page_tables(content: ReportContent, modes: int) -> PageTables:
+    """Return every table of the page; `modes` is how many modes the page shows."""
     names = content.names
     by_modes = {
         name: readable(_by_modes(content, name)) if name in content.metrics else None
@@ -66,6 +68,7 @@ def page_tables(content: ReportContent) -> PageTables:
     return PageTables(
         cohort=readable(_cohort(content.cohort), names),
         correspondence=readable(fits, names),
+        scores=readable(_scores(content.model, modes), names, keep=_mode_names(modes)),
         stages=_stages(content),
         others=tuple(
             (_TITLES.get(name, heading(name)), readable(table, names))
@@ -74,6 +77,16 @@ def page_tables(content: ReportContent) -> PageTables:
         ),
         **by_modes,
     )
+
+
+def _mode_names(modes: int) -> tuple[str, ...]:
+    return ("case_id", *(f"mode_{mode + 1}_sd" for mode in range(modes)))
+
+
+def _scores(model: ShapeModel, modes: int) -> pd.DataFrame:
+    """One row per case, one column per mode shown, in standard deviations."""
+    columns = zip(_mode_names(modes)[1:], model.scores.T, strict=False)
+    return pd.DataFrame({"case_id": model.case_ids, **dict(columns)})
 
 
 def _cohort(cohort: pd.DataFrame) -> pd.DataFrame:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -16,24 +17,37 @@ from ssm_pipeline.report.headings import Heading, headings, whole_heading
 
 @dataclass(frozen=True)
 class Cell:
-    """text as shown; whole: what it stands for, on hover and in the saved CSV, where it differs."""
+    """One cell of a table.
+
+    Attributes:
+        text: What the page shows.
+        whole: The full text, shown on hover where it differs from `text`.
+        values: What the saved CSV holds, one entry per column of the CSV: plain numbers or
+            text, empty where unknown.
+    """
 
     text: str
-    whole: str = ""
+    whole: str
+    values: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ReadableTable:
-    """headings; rows of cells; `is_number` per column, for alignment.
+    """A table as the page shows it.
 
     Attributes:
-        shared: (heading, value) of columns that say the same in every row; they are told below the
-            table and take no room in it.
+        headings: One per column.
+        rows: Rows of cells.
+        is_number: Per column, for its alignment.
+        saved: Per column, the names of its columns in the saved CSV.
+        shared: (heading, value) of the columns that have the same value in every row. The page
+            shows them below the table.
     """
 
     headings: tuple[Heading, ...]
     rows: tuple[tuple[Cell, ...], ...]
     is_number: tuple[bool, ...]
+    saved: tuple[tuple[str, ...], ...]
     shared: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -51,12 +65,16 @@ def readable(
     names: Mapping[str, str] | None = None,
     keep: tuple[str, ...] = ("case_id", "method", "modes"),
 ) -> ReadableTable:
-    """The table as text; a column `x_se_unit` joins its `x_unit` as "value ± standard error", and
-    `x_low_unit` with `x_high_unit` as "value (low to high)".
+    """Format a table for the page.
+
+    A column `x_se_unit` is shown in the column `x_unit`, as "value ± standard error". The columns
+    `x_low_unit` and `x_high_unit` are shown there as "value (low to high)". The saved CSV holds
+    each of these numbers in a column of its own.
 
     Args:
-        names: Case id → short name; the whole id stays with the cell.
-        keep: Columns that stay even where they say the same in every row.
+        table: Any table; column names end in their unit.
+        names: Case id → short name. The whole id is shown on hover and saved.
+        keep: Columns that stay even if all their rows are equal.
     """
     names = names or {}
     errors = {name: partner for name in table if (partner := _beside(name, "se")) in table}
@@ -77,33 +95,30 @@ def readable(
         else:
             shown.append(name)
     shared = [(label, value) for label, value in shared if value not in ("", "–")]
-    columns = []
+    columns, saved = [], []
     for name in shown:
         decimals = _decimals(table[name])
         column = [_cell(value, decimals, names) for value in table[name]]
+        own_names = [whole_heading(str(name))]
         if name in errors:
+            own_names.append(whole_heading(str(errors[name])))
             column = [
-                Cell(f"{cell.text} ± {text(error, decimals)}", f"{cell.whole} ± {error:.6g}")
-                if pd.notna(error)
-                else cell
+                _beside_cell(cell, " ± {}", (error,), decimals)
                 for cell, error in zip(column, table[errors[name]], strict=True)
             ]
         if name in ends:
-            low, high = (table[end] for end in ends[name])
+            own_names += [whole_heading(str(end)) for end in ends[name]]
             column = [
-                Cell(
-                    f"{cell.text} ({text(a, decimals)} to {text(b, decimals)})",
-                    f"{cell.whole} ({a:.6g} to {b:.6g})",
-                )
-                if pd.notna(a) and pd.notna(b)
-                else cell
-                for cell, a, b in zip(column, low, high, strict=True)
+                _beside_cell(cell, " ({} to {})", pair, decimals)
+                for cell, *pair in zip(column, *(table[end] for end in ends[name]), strict=True)
             ]
         columns.append(column)
+        saved.append(tuple(own_names))
     return ReadableTable(
         headings=headings([str(name) for name in shown]),
         rows=tuple(zip(*columns, strict=True)),
         is_number=tuple(_is_number(table[name]) for name in shown),
+        saved=tuple(saved),
         shared=tuple(shared),
     )
 
@@ -132,20 +147,58 @@ def p_text(p: float) -> str:
 
 
 def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested settings as dotted names and text."""
+    """Yield nested settings as dotted names and text; a path without its folders."""
     for name, value in settings.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{name}.")
         else:
-            yield f"{prefix}{name}", str(value)
+            yield f"{prefix}{name}", without_folders(str(value))
+
+
+# A path of at least two folders, absolute or below the home folder, or of a Windows drive.
+_PATH = re.compile(r"""(?<![\w./\\:<])(?:~|\.\.)?(?:/[^\s/'",;:]+){2,}/?|[A-Za-z]:[\\/][^\s'",;:]*""")
+
+
+def without_folders(words: str) -> str:
+    """Replace each path by its last part: the page may be sent to others.
+
+    >>> without_folders("/home/ann/study 7/masks"), without_folders("cannot read /data/a/b.nii.gz.")
+    ('masks', 'cannot read b.nii.gz.')
+    """
+    if "\n" not in words and re.match(r"~?/|\.\./|[A-Za-z]:[\\/]", words):
+        return re.split(r"[\\/]", words.rstrip("\\/"))[-1]
+    return _PATH.sub(lambda found: re.split(r"[\\/]", found[0].rstrip("\\/"))[-1], words)
 
 
 def _cell(value: Any, decimals: int, names: Mapping[str, str]) -> Cell:
     if isinstance(value, str):
-        return Cell(names.get(value, value), value)
+        value = without_folders(value)
+        return Cell(names.get(value, value), value, (value,))
     shown = text(value, decimals)
-    is_fraction = isinstance(value, float | np.floating) and math.isfinite(value)
-    return Cell(shown, f"{value:.6g}" if is_fraction else shown)
+    return Cell(shown, shown, (saved_value(value),))
+
+
+def saved_value(value: Any) -> str:
+    """A value as the CSV holds it: six digits, an ordinary minus, empty where unknown.
+
+    >>> saved_value(-0.1234567), saved_value(float("nan")), saved_value(True)
+    ('-0.123457', '', 'yes')
+    """
+    if isinstance(value, int | np.integer) and not isinstance(value, bool):
+        return str(value)
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}" if math.isfinite(value) else ""
+    shown = text(value)
+    return "" if shown == "–" else shown
+
+
+def _beside_cell(cell: Cell, how: str, values: Sequence[Any], decimals: int) -> Cell:
+    """The cell with its standard error, or the ends of its interval, if they are known."""
+    saved = (*cell.values, *map(saved_value, values))
+    if any(map(pd.isna, values)):
+        return Cell(cell.text, cell.whole, saved)
+    added = cell.text + how.format(*(text(value, decimals) for value in values))
+    return Cell(added, added, saved)
 
 
 def _beside(name: Any, what: str) -> str:

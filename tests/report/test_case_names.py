@@ -21,6 +21,14 @@ def test_the_part_that_tells_cases_apart_is_kept_wherever_it_stands() -> None:
     assert short_names(ids) == {ids[0]: "…ient-7…", ids[1]: "…nt-112…"}
 
 
+def test_a_long_id_does_not_shorten_the_others() -> None:
+    ids = ["hippocampus_001", "hippocampus_003", f"{'copy_of_' * 5}hippocampus_001"]
+    names = short_names(ids)
+    assert [names[case_id] for case_id in ids[:2]] == ids[:2]
+    assert len(names[ids[2]]) < 12
+    assert len(set(names.values())) == 3
+
+
 def test_one_long_id_is_cut() -> None:
     (name,) = short_names(["x" * 60]).values()
     assert len(name) < 12

@@ -20,11 +20,12 @@ def test_striking_cases_come_first_with_their_reason(content) -> None:
     remarks = [""] * 8
     remarks[2], remarks[5] = "mirrored", "size"
     found = checked(content, volume_z=[0.0] * 8, remarks=remarks)
-    assert [case.case_id for case in found.cases[:3]] == ["blob.002", "blob.005", "blob.000"]
-    assert [case.remark for case in found.cases[:3]] == ["mirrored", "size", ""]
-    assert found.striking == 2
-    assert found.cases[0].picture == "data:image/png;base64,cG5n"
-    assert found.cases[1].picture is None
+    # The others have no card: there is nothing to say of them.
+    assert [case.case_id for case in found.shown] == ["blob.002", "blob.005"]
+    assert [case.remark for case in found.shown] == ["mirrored", "size"]
+    assert found.shown[0].picture == "data:image/png;base64,cG5n"
+    assert found.shown[1].picture is None
+    assert [row[0].text for row in found.table.rows[:3]] == ["blob.002", "blob.005", "blob.000"]
 
 
 def test_without_a_check_there_is_no_section(content) -> None:
@@ -35,4 +36,5 @@ def test_without_a_check_there_is_no_section(content) -> None:
 
 def test_unknown_scores_and_no_remarks(content) -> None:
     found = checked(content, volume_z=[float("nan")] * 8, remarks=[None] * 8)
-    assert found.striking == 0
+    assert found.shown == ()
+    assert found.count == 8

@@ -37,7 +37,7 @@ def test_a_flagged_patient_is_told_with_value_and_threshold(watched_page, file) 
     assert verdict.get_attribute("class") == "warning"
     assert "176 degrees" in verdict.inner_text()
     row = page.locator("#fit-judged .striking")
-    assert row.locator("td").all_inner_texts() == ["Turned by", "176°", "", "45°"]
+    assert row.locator("td").all_inner_texts() == ["Rotated by", "176°", "", "45°"]
 
 
 def test_residuals_and_uncertainty_are_those_of_the_fit(watched_page, file, content) -> None:

@@ -53,16 +53,57 @@ def differences(low: float, high: float, p: float | None = None) -> dict[str, li
 )
 def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict) -> None:
     table = first(comparison(**differences(low, high, p)))
-    (difference,) = [d for row in table.rows if row.method == "bcpd" for _, d in row.cells]
+    (difference,) = [c.difference for row in table.rows if row.method == "bcpd" for c in row.cells]
     assert difference is not None
     assert difference.verdict == verdict
     assert difference.verdict in difference.label
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (0.0001, 0.0095, "+0.0048 worse"),
+        (-0.0095, -0.0001, "−0.0048 better"),
+        (-0.001, 0.0106, "0.00 alike"),
+        (0.1, 0.3, "+0.20 worse"),
+    ],
+)
+def test_a_clear_difference_is_never_shown_as_zero(low, high, shown) -> None:
+    table = first(comparison(**differences(low, high)))
+    (difference,) = [c.difference for row in table.rows if row.method == "bcpd" for c in row.cells]
+    assert difference is not None
+    assert f"{difference.shown} {difference.verdict}" == shown
+    if low == 0.0001:
+        assert difference.label == "0.00480 (0.00010 to 0.00950): worse"
+
+
+def test_a_method_without_a_difference_says_why() -> None:
+    columns = differences(0.1, 0.3)
+    columns["generalisation_surface_difference_mm"][1] = np.nan
+    table = first(comparison(**columns))
+    (bcpd,) = [row for row in table.rows if row.method == "bcpd"]
+    assert bcpd.cells[0].missing
+    assert table.has_missing
+    assert not first(comparison(**differences(0.1, 0.3))).has_missing
+
+
+def test_specificity_without_differences_has_no_empty_column() -> None:
+    specific = {
+        "specificity_surface_mm": [2.0, 2.1, 2.2],
+        "specificity_surface_difference_mm": [0.0, np.nan, np.nan],
+        "specificity_surface_low_mm": [0.0, np.nan, np.nan],
+        "specificity_surface_high_mm": [0.0, np.nan, np.nan],
+    }
+    table = first(comparison(**differences(0.1, 0.3), **specific))
+    assert [m.has_difference for m in table.measures] == [True, False]
+    assert table.lacks_specificity
+    assert not first(make_cohort(60, 6).metrics).lacks_specificity
+
+
 def test_places_on_the_axis_are_those_of_the_values() -> None:
     table = first(comparison(**differences(0.1, 0.3)))
     reach = float(table.measures[0].axis)
-    (_, bcpd, _) = [row.cells[0][1] for row in table.rows]
+    (_, bcpd, _) = [row.cells[0].difference for row in table.rows]
     assert bcpd is not None
     assert bcpd.at_low == pytest.approx(50 + 50 * 0.1 / reach)
     assert bcpd.at == pytest.approx(50 + 50 * 0.2 / reach)
@@ -120,11 +161,11 @@ def test_labels_join_the_comparison_by_method() -> None:
     )
     table = further(comparison(generalisation_surface_mm=[1, 2, 3]) | {"labels_mean": labels})
     shown = {row.method: row.cells[0] for row in table.rows}
-    assert shown["full"] == ("13.00", None)
-    assert shown["bcpd"][0] == "–"
-    assert shown["S3M"][0] == "14.00"
-    assert shown["S3M"][1] is not None
-    assert shown["S3M"][1].verdict == "worse"
+    assert (shown["full"].shown, shown["full"].difference) == ("13.00", None)
+    assert shown["bcpd"].shown == "–"
+    assert shown["S3M"].shown == "14.00"
+    assert shown["S3M"].difference is not None
+    assert shown["S3M"].difference.verdict == "worse"
 
 
 def test_the_floor_of_the_chamfer_distance_is_a_row() -> None:
@@ -133,8 +174,8 @@ def test_the_floor_of_the_chamfer_distance_is_a_row() -> None:
     assert floor.kind == "floor"
     measures = [f"{m.title} {m.subtitle}" for m in further(metrics).measures]
     shown = dict(zip(measures, floor.cells, strict=True))
-    assert shown["Generalisation Chamfer, mm"] == ("1.93", None)
-    assert shown["Generalisation 95th percentile, mm"] == ("", None)
+    assert shown["Generalisation Chamfer, mm"].shown == "1.93"
+    assert shown["Generalisation 95th percentile, mm"].saved == ("", "")
     assert all(row.kind != "floor" for row in first(metrics).rows)
 
 

@@ -66,10 +66,28 @@ def test_intervals_are_joined() -> None:
     assert shown(table)[0] == ("12.2 (12.0 to 12.5)",)
 
 
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        ("/home/ann/study 7/masks", "masks"),
+        ("C:\\Users\\ann\\masks", "masks"),
+        ("../../private/masks/", "masks"),
+        ("data: /mnt/x/case_7.nii.gz: damaged", "data: case_7.nii.gz: damaged"),
+        ("imagesTr/*.nii.gz", "imagesTr/*.nii.gz"),  # a pattern below the folder
+        ("template/case, mm/ml", "template/case, mm/ml"),
+        ("['full', 'S3M']", "['full', 'S3M']"),
+    ],
+)
+def test_no_folder_is_named_on_a_page_that_may_be_sent(words, shown) -> None:
+    assert dict(flattened({"data": {"folder": words}})) == {"data.folder": shown}
+    cell = readable(pd.DataFrame({"warnings": [words]})).rows[0][0]
+    assert (cell.text, cell.values) == (shown, (shown,))
+
+
 def test_long_ids_are_short_and_whole_on_hover() -> None:
     table = readable(pd.DataFrame({"case_id": ["x" * 60, "b"]}), {"x" * 60: "…x"})
-    assert table.rows[0] == (Cell("…x", "x" * 60),)
-    assert table.rows[1] == (Cell("b", "b"),)
+    assert table.rows[0] == (Cell("…x", "x" * 60, ("x" * 60,)),)
+    assert table.rows[1] == (Cell("b", "b", ("b",)),)
 
 
 def test_what_every_row_says_is_told_once() -> None:

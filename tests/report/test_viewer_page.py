@@ -303,6 +303,69 @@ def test_whole_ids_are_on_hover_and_in_the_saved_table(
     page.close()
 
 
+def saved_table(page, name: str, folder: Path) -> pd.DataFrame:
+    with page.expect_download() as download:
+        page.click(f"button[data-save=table-{name}]")
+    download.value.save_as(folder / f"{name}.csv")
+    return pd.read_csv(folder / f"{name}.csv", dtype={"Case": str, "Method": str})
+
+
+def test_saved_tables_hold_one_number_per_cell(browser, cohort_file, tmp_path):
+    page = browser.new_page()
+    page.goto(cohort_file.as_uri())
+    page.click("#tab-quality")
+    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
+    metrics = make_cohort(150).metrics
+    general = saved_table(page, "generalisation", tmp_path)
+    expected = metrics["generalisation"].groupby(["method", "modes"], sort=False)["surface_mm"]
+    np.testing.assert_allclose(general["Surface distance (mm)"], expected.mean(), rtol=1e-5)
+    errors = general["Surface distance standard error (mm)"]
+    np.testing.assert_allclose(errors, expected.sem(), rtol=1e-4)
+    methods = saved_table(page, "methods", tmp_path).set_index("Method")
+    compared = metrics["comparison"].set_index("method").loc[methods.index]
+    for name, column in {
+        "Generalisation, surface distance, mm": "generalisation_surface_mm",
+        "Generalisation, surface distance, mm, standard error": "generalisation_surface_se_mm",
+        "Specificity: difference from full, low": "specificity_surface_low_mm",
+        "Specificity: difference from full, high": "specificity_surface_high_mm",
+        "Generalisation: p (Holm)": "generalisation_surface_p",
+    }.items():
+        others = methods.index != "full"  # to which the others are compared
+        found, wanted = methods[name], compared[column]
+        np.testing.assert_allclose(found[others], wanted[others], rtol=1e-4, atol=1e-12)
+    saved = (tmp_path / "methods.csv").read_text(encoding="utf-8")
+    assert not re.search("[±−–]| to ", saved)  # one number per cell, with an ordinary minus
+    page.close()
+
+
+def test_scores_of_the_cases_are_a_table(page, content, tmp_path):
+    page.click("#tab-modes")
+    assert f"{SETTINGS.modes} of {content.model.mode_count} modes" in page.inner_text("#panel-modes")
+    page.click("#panel-modes summary")
+    table = saved_table(page, "scores", tmp_path)
+    assert table["Case"].tolist() == list(content.model.case_ids)
+    found = table[[f"Mode {mode + 1} (SD)" for mode in range(SETTINGS.modes)]]
+    np.testing.assert_allclose(found, content.model.scores[:, : SETTINGS.modes], rtol=1e-5)
+
+
+def test_the_shape_shown_is_saved_as_stl_and_picture(page, content, tmp_path):
+    page.click("#tab-modes")
+    page.locator("#mode-1").fill("-1.5")
+    with page.expect_download() as download:
+        page.click("#modes-stl")
+    assert download.value.suggested_filename == "blobs_mode2_-1.50.stl"
+    download.value.save_as(tmp_path / "shape.stl")
+    saved = trimesh.load(tmp_path / "shape.stl")
+    expected = content.model.reconstruct(np.array([0, -1.5]))
+    solid = trimesh.Trimesh(expected, content.model.faces, process=False)
+    np.testing.assert_allclose(saved.triangles, solid.triangles, atol=1e-3)
+    np.testing.assert_allclose(saved.face_normals, solid.face_normals, atol=1e-3)
+    with page.expect_download() as download:
+        page.click("#modes-picture")
+    download.value.save_as(tmp_path / "shape.png")
+    assert imread(tmp_path / "shape.png")[..., 3].max() == 1
+
+
 def test_methods_at_a_glance(browser, cohort_file, tmp_path: Path) -> None:
     page = browser.new_page()
     page.goto(cohort_file.as_uri())

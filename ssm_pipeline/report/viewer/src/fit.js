@@ -50,7 +50,7 @@ export function startFit(study, block) {
   }
 
   function numbers() {
-    const readings = [["Mean residual", `${chosen.meanMm} mm`], ["95th percentile", `${chosen.hd95Mm} mm`], ["Surface seen", `${chosen.observedPercent} %`], ["Uncertainty, median", `${chosen.radiusMm} mm`]];
+    const readings = [["Distance, mean", `${chosen.meanMm} mm`], ["Distance, 95th percentile", `${chosen.hd95Mm} mm`], ["Surface seen", `${chosen.observedPercent} %`], ["Uncertainty, median", `${chosen.radiusMm} mm`]];
     $("fit-readouts").replaceChildren(...readings.map(([name, value]) => {
       const cell = document.createElement("div");
       cell.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));

@@ -5,6 +5,7 @@ import { legend, lookup } from "./colours.js";
 import { cotangents, distortion, vertexNormals } from "./geometry.js";
 import { showDistortion } from "./distortion.js";
 import { createStage } from "./stage.js";
+import { saveBlob } from "./save.js";
 import { zip } from "./zip.js";
 
 const $ = (id) => document.getElementById(id);
@@ -129,11 +130,7 @@ export function startInterpolation(study) {
   }
 
   function save(blob, extension) {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(blob);
-    link.download = `${study.study}_${path.template}_${path.case}_t${Number(inputs.t.value).toFixed(2)}.${extension}`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    saveBlob(blob, `${study.study}_${path.template}_${path.case}_t${Number(inputs.t.value).toFixed(2)}.${extension}`);
   }
 
   $("interpolation-pair").addEventListener("change", (event) => {

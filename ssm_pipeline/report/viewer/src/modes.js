@@ -3,6 +3,7 @@ import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshLambertMaterial 
 import { array } from "./data.js";
 import { legend, lookup } from "./colours.js";
 import { measure, vertexNormals } from "./geometry.js";
+import { saveBlob, stl } from "./save.js";
 import { createStage } from "./stage.js";
 import { ownSurface, reach, removeFrom } from "./surface.js";
 
@@ -167,6 +168,17 @@ export function startModes(study, model, casesBlock) {
     update();
   });
   $("modes-reset").addEventListener("click", () => choose(null));
+  /** Named after the case, or after the modes that are not at 0. */
+  const fileName = (extension) => {
+    const moved = scores.reduce((found, score, mode) => (score ? [...found, `mode${mode + 1}_${signed(score)}`] : found), []);
+    const shown = chosen !== null ? study.cases[chosen].id : moved.slice(0, 3).join("_") || "mean";
+    return `${study.study}_${shown.replace("−", "-")}.${extension}`;
+  };
+  $("modes-picture").addEventListener("click", () => {
+    stage.drawNow(); // the browser keeps the picture only until the next frame
+    stage.canvas.toBlob((blob) => saveBlob(blob, fileName("png")));
+  });
+  $("modes-stl").addEventListener("click", () => saveBlob(stl(positions, faces, "shape model; mm, LPS"), fileName("stl")));
   update();
 
   return {

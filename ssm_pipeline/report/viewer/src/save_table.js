@@ -1,34 +1,31 @@
-// A button on every table's caption: the table as CSV, with whole case ids and unrounded numbers.
+// A button below every table saves it as CSV: whole case ids, unrounded numbers, one number a column.
+import { saveBlob } from "./save.js";
 
 const quoted = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+// An ordinary minus, and nothing where a value is unknown.
+const plain = (text) => (text === "–" ? "" : text.replace(/^−(?=[\d.])/, "-"));
+/** What a cell of the body, or of the head, contributes to a row of the CSV. */
+const valuesOf = (cell) => (cell.dataset.values ? JSON.parse(cell.dataset.values) : [plain(cell.textContent.trim())]);
+const namesOf = (th) => (th.dataset.names ? JSON.parse(th.dataset.names) : [th.textContent.trim()]);
 
-/** The table's text: two heads become one line, a cell that stands for more gives all of it. */
+/** The table as CSV; a head of two rows becomes one line. */
 export function csvOf(table) {
-  const heads = [...table.querySelectorAll("thead tr:last-child th")].map((th) => th.dataset.name ?? th.textContent.trim());
-  const upper = [...table.querySelectorAll("thead tr:first-child th[rowspan]")].map((th) => th.dataset.name ?? th.textContent.trim());
-  const columns = table.querySelectorAll("thead tr").length > 1 ? order(table, upper, heads) : heads;
-  const rows = [...table.querySelectorAll("tbody tr")].map((tr) => [...tr.cells].map((cell) => cell.dataset.whole ?? cell.textContent.trim()));
-  return [columns, ...rows].map((row) => row.map(quoted).join(",")).join("\n") + "\n";
+  const rows = [...table.querySelectorAll("tbody tr")].map((tr) => [...tr.cells].flatMap(valuesOf));
+  return [heads(table).flatMap(namesOf), ...rows].map((row) => row.map(quoted).join(",")).join("\n") + "\n";
 }
 
-/** Names of columns from left to right: those that span both rows, and those under a group. */
-function order(table, upper, lower) {
-  const columns = [];
-  for (const th of table.querySelectorAll("thead tr:first-child th")) {
-    if (th.rowSpan > 1) columns.push(upper.shift());
-    else for (let i = 0; i < th.colSpan; i++) columns.push(lower.shift());
-  }
-  return columns;
+/** The head's cells from left to right: those that span both rows, and those below a group. */
+function heads(table) {
+  const [upper, lower] = [...table.tHead.rows].map((row) => [...row.cells]);
+  if (!lower) return upper;
+  return upper.flatMap((th) => (th.rowSpan > 1 ? [th] : lower.splice(0, th.colSpan)));
 }
 
 export function offerTables(study) {
   for (const button of document.querySelectorAll("button[data-save]")) {
     button.addEventListener("click", () => {
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(new Blob([csvOf(document.getElementById(button.dataset.save))], { type: "text/csv" }));
-      link.download = `${study}_${button.dataset.save.replace("table-", "")}.csv`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+      const name = `${study}_${button.dataset.save.replace("table-", "")}.csv`;
+      saveBlob(new Blob([csvOf(document.getElementById(button.dataset.save))], { type: "text/csv" }), name);
     });
   }
 }
