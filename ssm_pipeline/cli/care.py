@@ -13,6 +13,7 @@ from ssm_pipeline.cli.app import (
     app,
     named,
 )
+from ssm_pipeline.counting import counted
 
 
 @app.command()
@@ -50,7 +51,7 @@ def forget(
     from ssm_pipeline.commands.forget_case import forget_case
 
     forgotten = forget_case(case_id, run_folder)
-    typer.echo(f"{len(forgotten.deleted)} files deleted. Later runs leave the case out.")
+    typer.echo(f"{counted(len(forgotten.deleted), 'file')} deleted. Later runs leave the case out.")
     for folder in forgotten.exports:
         typer.echo(f"delete by hand, or export again: {folder}")
     typer.echo("Take its file out of the data's folder too, then run again for a new model.")

@@ -15,6 +15,7 @@ from ssm_pipeline.cli.app import (
     app,
     run_name,
 )
+from ssm_pipeline.counting import counted
 
 
 @app.command()
@@ -32,6 +33,20 @@ def figures(
 
     for path in draw_figures(runs / run_name(study), formats.split(","), changes or []):
         typer.echo(str(path))
+
+
+@app.command()
+def report(
+    study: StudyName,
+    pseudonymise: Annotated[
+        bool, typer.Option("--pseudonymise", help="A second page with case_001 … for case ids.")
+    ] = False,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Write a finished run's page again, or a page to be sent to others."""
+    from ssm_pipeline.commands.report_page import write_report_page
+
+    typer.echo(str(write_report_page(runs / run_name(study), pseudonymise)))
 
 
 @app.command()
@@ -137,7 +152,7 @@ def transfer(
     from ssm_pipeline.commands.transfer import transfer as carry
 
     written = carry(run_folder, folder, landmarks, labels, fits)
-    typer.echo(f"wrote {len(written)} files to {folder}")
+    typer.echo(f"wrote {counted(len(written), 'file')} to {folder}")
 
 
 @app.command(name="import")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.counting import counted
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.tables import read_table, typed
 from ssm_pipeline.engine.keys import key_of
@@ -57,7 +58,7 @@ def compare_cases(
     for case_id in sorted(set(case_ids_of(table)) & set(left_out)):
         terminal.say(f"row of {case_id} not used: the run left it out, {left_out[case_id]}")
     design = design_of(formula, rows)
-    terminal.say(f"{len(run.cases)} cases, {', '.join(column.name for column in design.columns)}")
+    terminal.say(f"{counted(len(run.cases), 'case')}, {', '.join(c.name for c in design.columns)}")
     result = compare(
         run.model,
         run.aligned.vertices,
@@ -76,7 +77,7 @@ def compare_cases(
     for row in result.tests.itertuples():
         terminal.say(
             f"{row.term}   T² = {row.hotelling_t2:.4g}, p = {row.hotelling_p:.4g} (Hotelling, "
-            f"{row.modes} modes)   F({row.procrustes_df}, {row.procrustes_residual_df}) = "
+            f"{counted(row.modes, 'mode')})   F({row.procrustes_df}, {row.procrustes_residual_df}) = "
             f"{row.procrustes_f:.4g}, p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
             f"explains {row.explained_percent:.1f} % of the variance that the others leave"
         )
@@ -117,7 +118,8 @@ def _refuse_doubled_patients(run: Run) -> None:
     patients = list(run.patients.values())
     if doubled := sorted({name for name in patients if patients.count(name) > 1}):
         raise StudyError(
-            f"{len(doubled)} patients have several cases in {run.folder}: "
+            f"{counted(len(doubled), 'patient has', 'patients have')} several cases in "
+            f"{run.folder}: "
             f"{', '.join(doubled[:3])}{' …' if len(doubled) > 3 else ''}. The tests take cases as "
             "independent, and would find effects where there are none. Compare a run with one case "
             f"per patient: {_one_case_each(run)}."

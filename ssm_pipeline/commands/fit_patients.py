@@ -9,6 +9,7 @@ import numpy as np
 
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
+from ssm_pipeline.counting import counted
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.image_files import image_stem
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACES
@@ -116,7 +117,8 @@ def cases_to_judge_by(
         return shapes, [run.mesh(case_id) for case_id in shapes.case_ids], patients
     drawn = drawn_cases(model, settings.seed)
     terminal.say(
-        f"the model has {len(shapes.case_ids)} cases of its own, of {len(set(patients))} patients, "
+        f"the model has {len(shapes.case_ids)} cases of its own, of "
+        f"{counted(len(set(patients)), 'patient')}, "
         f"and fits are judged by {FEWEST_CASES} or more: by {len(drawn.case_ids)} shapes drawn "
         "from the model instead. Those are more alike than patients, so thresholds and intervals "
         "are too narrow."
@@ -140,7 +142,9 @@ def reference_of(
     path = run.folder / "fitting" / f"cross_validation-{key[:12]}.npz"
     if path.is_file():
         return storage.load(CrossValidation, path)
-    terminal.say(f"fitting {len(shapes.case_ids)} cases, each left out of the model, once")
+    terminal.say(
+        f"fitting {counted(len(shapes.case_ids), 'case')}, each left out of the model, once"
+    )
     with_scale = settings.shape_model.with_scale
     reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs, patients)
     storage.save(reference, path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.left_files import damaged_files, undo
 from ssm_pipeline.engine.ownership import alone_in
 from ssm_pipeline.engine.stage import StageRecord
@@ -40,7 +41,8 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
                 undo(error.path, run_folder)
     if not damaged:
         terminal.say(
-            f"{run_folder}: {files} files of {looked_at} of {len(stages)} stages and what "
+            f"{run_folder}: {counted(files, 'file')} of {looked_at} of {len(stages)} stages and "
+            f"what "
             "their cases left are as they were written"
         )
     elif remove:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine import process
 from ssm_pipeline.engine.per_case import (
     CaseFailure,
@@ -98,7 +99,9 @@ class DaskCluster:
         is_said = False
         while left := self._at_work_in(stage_folder):
             if not is_said:
-                self.say(f"      waiting for {left} cases that an earlier run left at work")
+                self.say(
+                    f"      waiting for {counted(left, 'case')} that an earlier run left at work"
+                )
             is_said = True
             time.sleep(1)
 

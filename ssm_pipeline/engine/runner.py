@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine import process
 from ssm_pipeline.engine.keys import key_of
 from ssm_pipeline.engine.left_files import STAGE_FILE, damaged_files, files_of_stage, undo
@@ -124,7 +125,8 @@ def _bring_up_to_date(
             stages=[_planned(stage, kept_settings[stage.name], options) for stage in stages],
         )
         if gone:
-            terminal.say(f"      {len(gone)} cases are no longer of the study: deleted")
+            noun = counted(len(gone), "case is", "cases are")
+            terminal.detail(f"{noun} no longer part of the study: deleted")
         done: dict[str, StageRecord] = {}
         case_keys: Mapping[str, str] = file_keys
         redone = 0
@@ -162,6 +164,9 @@ def _bring_up_to_date(
             case_keys = record.case_keys
             _say(terminal, number, len(stages), record, is_current)
             start = time.perf_counter()
+        left_out = [Dropped(**case) for record in done.values() for case in record.dropped]
+        if left_out:
+            terminal.left_out(left_out)
         if not redone:
             terminal.say("nothing to do: every stage is up to date")
         log.event("run finished")
@@ -217,7 +222,8 @@ def _run_stage(
 
 def _say(terminal: Terminal, number: int, total: int, record: StageRecord, cached: bool) -> None:
     count_in, count_out = len(record.cases_in), len(record.cases_out)
-    cases = f"{count_out} cases" if count_in == count_out else f"{count_out} of {count_in} cases"
+    cases = counted(count_in, "case")
+    cases = cases if count_in == count_out else f"{count_out} of {cases}"
     took = "up to date" if cached else duration(record.seconds)
     parts = [cases, took, record.note] if record.note else [cases, took]
     dropped = [Dropped(**case) for case in record.dropped]
@@ -231,8 +237,9 @@ def _refuse_too_few(stage: str, outcome: Outcome, done: Mapping[str, StageRecord
     dropped += outcome.dropped
     reasons = "".join(f"\n  {case.case_id} ({case.stage}): {case.reason}" for case in dropped)
     raise StudyError(
-        f"{len(outcome.case_keys)} usable cases are left after {stage}; a shape model needs at "
-        f"least {FEWEST_CASES}. Add cases, or mend the ones dropped:{reasons or ' none'}"
+        f"{counted(len(outcome.case_keys), 'usable case is', 'usable cases are')} left after "
+        f"{stage}; a shape model needs at least {FEWEST_CASES}. Add cases, or repair the ones "
+        f"dropped:{reasons or ' none'}"
     )
 
 
@@ -241,7 +248,8 @@ def _refuse_hopeless(file_keys: Mapping[str, str], dropped: Sequence[Dropped]) -
     if len(file_keys) < FEWEST_CASES:
         reasons = "".join(f"\n  {case.case_id}: {case.reason}" for case in dropped)
         raise StudyError(
-            f"{len(file_keys)} cases were found; a shape model needs at least {FEWEST_CASES}: one "
+            f"{counted(len(file_keys), 'case was', 'cases were')} found; a shape model needs at "
+            f"least {FEWEST_CASES}: one "
             f"is left out at a time to score it. Add cases.{reasons}"
         )
     if len(set(file_keys.values())) == 1:

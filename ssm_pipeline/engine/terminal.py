@@ -17,6 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.run_log import RunLog
 from ssm_pipeline.records import Dropped
 
@@ -105,10 +106,18 @@ class Terminal:
         self, number: int, total: int, name: str, result: str, dropped: Sequence[Dropped]
     ) -> None:
         self.say(f"[{number}/{total}] {name:<15}{result}")
-        for case in dropped[:SHOWN_DROPPED]:
-            self.detail(f"dropped {case.case_id}: {case.reason}")
-        if len(dropped) > SHOWN_DROPPED:
-            self.detail(f"and {len(dropped) - SHOWN_DROPPED} more; stage.json names them all")
+        self._details([f"dropped {case.case_id}: {case.reason}" for case in dropped])
+
+    def left_out(self, dropped: Sequence[Dropped]) -> None:
+        """Repeat at the end of a run which cases the model does not hold."""
+        self.say(f"{counted(len(dropped), 'case was', 'cases were')} left out:")
+        self._details([f"{case.case_id} ({case.stage}): {case.reason}" for case in dropped])
+
+    def _details(self, lines: Sequence[str]) -> None:
+        for line in lines[:SHOWN_DROPPED]:
+            self.detail(line)
+        if len(lines) > SHOWN_DROPPED:
+            self.detail(f"and {len(lines) - SHOWN_DROPPED} more; stage.json names them all")
 
 
 def duration(seconds: float) -> str:

@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import Cohort, DamagedFile, StudyError
@@ -45,7 +46,8 @@ def without_withdrawn(
     keys = {case.case_id: key_of_files(case.files) for case in cohort.cases}
     withdrawn = set(withdrawn_keys(run_folder)) & set(keys.values())
     if withdrawn:
-        terminal.say(f"      {len(withdrawn)} cases were withdrawn and are left out")
+        noun = counted(len(withdrawn), "case was withdrawn and is", "cases were withdrawn and are")
+        terminal.detail(f"{noun} left out")
         keys = {case_id: key for case_id, key in keys.items() if key not in withdrawn}
         kept = tuple(case for case in cohort.cases if case.case_id in keys)
         cohort = dataclasses.replace(cohort, cases=kept)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 
 # File or folder in an export → what it is, and how it opens.
 FILES = {
@@ -78,7 +79,8 @@ def readme_text(about: About, folder: Path) -> str:
     return (
         f"# Shape model {about.study}\n\n"
         f"{'SYNTHETIC PHANTOMS, no patients. ' if about.synthetic else ''}"
-        f"A statistical shape model of {about.cases} cases with {about.modes} modes, of which "
+        f"A statistical shape model of {counted(about.cases, 'case')} with "
+        f"{counted(about.modes, 'mode')}, of which "
         f"{about.modes_for_90} hold 90 % of the variance. Case ids are {ids}.\n\n"
         "All coordinates are millimetres in LPS (left, posterior, superior). A shape is the mean "
         "plus, for each mode, score × √variance × mode.\n\n" + "\n".join(lines) + "\n"
@@ -91,7 +93,7 @@ def model_card(about: About) -> str:
     return (
         f"# Model card: {about.study}\n\n"
         "## Cohort\n\n"
-        f"- {about.cases} cases{', synthetic phantoms' if about.synthetic else ''}\n"
+        f"- {counted(about.cases, 'case')}{', synthetic phantoms' if about.synthetic else ''}\n"
         f"- size {SIZE[about.size_removed]}\n"
         "- who they are, how they were chosen, which scanner and which segmentation: to be added "
         "by whoever passes this on\n\n"

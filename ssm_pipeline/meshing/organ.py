@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.records import CaseError, Mask
 
 TOLD_PERCENT = 1.0  # of the volume: less than that left out or filled is noise of segmentation
@@ -43,7 +44,8 @@ class Cleaning:
         left_out = 100 * self.left_out / self.given
         if left_out >= TOLD_PERCENT:
             text = (
-                f"the mask holds {self.pieces} pieces; all but the largest, {left_out:.0f} % of "
+                f"the mask holds {counted(self.pieces, 'piece')}; all but the largest, "
+                f"{left_out:.0f} % of "
                 f"its volume ({self.left_out / 1000:.3g} ml), are left out"
             )
             if self.second >= ANOTHER_ORGAN * largest:

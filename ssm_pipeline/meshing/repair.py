@@ -6,6 +6,7 @@ import igl
 import numpy as np
 import pymeshlab
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.geometry.surface import area, face_areas, volume
 from ssm_pipeline.geometry.topology import boundary_edges, face_components, is_oriented_manifold
 from ssm_pipeline.records import CaseError, Mesh, Surface
@@ -36,7 +37,9 @@ def repair(surface: Surface, hole_percent: float) -> tuple[Mesh, tuple[str, ...]
         )
     vertices, faces, cut = _without_knots(vertices, faces)
     if cut:
-        told.append(f"{cut} triangles that met others on an edge of three or more were cut out")
+        told.append(
+            f"{counted(cut, 'triangle', 'triangles')} on edges of three or more triangles removed"
+        )
     vertices, faces, left_out = _largest_piece(vertices, faces)
     if left_out >= TOLD_PERCENT:
         told.append(f"stray pieces, {left_out:.0f} % of the surface, are left out")
@@ -137,7 +140,8 @@ def _close_holes(
         large = sum(share > hole_percent for share in shares)
         raise CaseError(
             case_id,
-            f"the surface has {len(loops)} hole(s), {large} of them large: the largest would be "
+            f"the surface has {counted(len(loops), 'hole')}, {large} of them large: the largest "
+            f"would be "
             f"{max(shares):.1f} % of the surface, and up to {hole_percent:g} % are closed. Close "
             "it, as the organ is not whole, or raise meshing.hole_percent.",
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.fitting.patient import FitReport
 from ssm_pipeline.fitting.typicality import Judged
 from ssm_pipeline.report.case_names import short_names
@@ -81,10 +82,11 @@ def fit_html(
         is_synthetic=is_synthetic,
         patients=patients,
         beside=(
-            f"Beside {drawn} shapes drawn from the model, whose cases are too few for it; those "
-            "are more alike than patients, and limits and intervals too narrow"
+            f"Beside {counted(drawn, 'shape')} drawn from the model, because it has too few "
+            "cases. Drawn shapes are more alike than patients: limits and intervals are too narrow"
             if drawn
-            else f"Beside the {len(cohort_ids)} cases of the model, each fitted without itself"
+            else f"Beside the model's {counted(len(cohort_ids), 'case')}, each fitted by a model "
+            "without it"
         ),
     )
 

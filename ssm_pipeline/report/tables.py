@@ -156,7 +156,9 @@ def flattened(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
 
 
 # A path of at least two folders, absolute or below the home folder, or of a Windows drive.
-_PATH = re.compile(r"""(?<![\w./\\:<])(?:~|\.\.)?(?:/[^\s/'",;:]+){2,}/?|[A-Za-z]:[\\/][^\s'",;:]*""")
+_PATH = re.compile(
+    r"""(?<![\w./\\:<])(?:~|\.\.)?(?:/[^\s/'",;:]+){2,}/?|[A-Za-z]:[\\/][^\s'",;:]*"""
+)
 
 
 def without_folders(words: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.geometry.similarity import Similarity
 from ssm_pipeline.geometry.topology import submesh_faces
 from ssm_pipeline.records import DamagedFile, require_type
@@ -128,7 +129,9 @@ class ShapeModel:
         scores = np.asarray(scores, dtype=np.float64)
         count = scores.shape[-1]
         if count > self.mode_count:
-            raise ValueError(f"{count} scores given; the model has {self.mode_count} modes")
+            raise ValueError(
+                f"{counted(count, 'score')} given; the model has {counted(self.mode_count, 'mode')}"
+            )
         weights = scores * self.standard_deviations[:count]
         return self.mean + np.tensordot(weights, self.modes[:count], axes=1)
 

@@ -14,6 +14,7 @@ from ssm_pipeline.comparison.inputs import ComparisonInputs
 from ssm_pipeline.comparison.producers import learned_by_run, produce, template_as_matched
 from ssm_pipeline.comparison.retrained_folds import unseen_tables
 from ssm_pipeline.comparison.scores import ScoredMethods, score_methods
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.methods import FULL, TRUTH
 from ssm_pipeline.records import Mesh, Metrics
@@ -30,7 +31,7 @@ def evaluate_methods(context: Context) -> Outcome:
     scored = score_methods(inputs, learned_by_run(inputs, run), compared(inputs))
     tables = method_tables(inputs, scored) | model_tables(inputs, run)
     save_only(tables, inputs.folder)
-    return Outcome(inputs.case_keys, note=f"{len(scored.scores)} methods")
+    return Outcome(inputs.case_keys, note=counted(len(scored.scores), "method"))
 
 
 def compared(inputs: ComparisonInputs) -> tuple[str, ...]:

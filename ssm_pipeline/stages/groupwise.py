@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.runs.context import Context, run_of
 from ssm_pipeline.runs.layout import CORRESPONDENCE, SHAPES
@@ -23,4 +24,4 @@ def match_means(context: Context) -> Outcome:
     match = partial(match_mean, PairWork.of(context), run.template_id, context.folder())
     shapes = groupwise_rounds(shapes, meshes, settings, match)
     storage.save(shapes, context.folder() / SHAPES.name)
-    return Outcome(context.case_keys, note=f"{settings.rounds} rounds")
+    return Outcome(context.case_keys, note=counted(settings.rounds, "round"))

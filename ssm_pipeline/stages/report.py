@@ -61,13 +61,17 @@ def renew_report(run: Run, settings: ReportSettings) -> Path | None:
 def _write_page(run: Run, settings: ReportSettings) -> Path:
     from ssm_pipeline.report.page import write_page
 
-    content = report_content(run)
-    if settings.landmarks is not None:
-        landmarks = landmarks_on_template(settings.landmarks, run)
-        content = dataclasses.replace(content, landmarks=landmarks)
     path = run.where(REPORT_PAGE)
-    write_page(content, path, settings)
+    write_page(page_content(run, settings), path, settings)
     return path
+
+
+def page_content(run: Run, settings: ReportSettings) -> ReportContent:
+    """Read what the page shows, with the landmarks that the settings name."""
+    content = report_content(run)
+    if settings.landmarks is None:
+        return content
+    return dataclasses.replace(content, landmarks=landmarks_on_template(settings.landmarks, run))
 
 
 def report_content(run: Run) -> ReportContent:

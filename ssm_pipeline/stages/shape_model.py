@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.runs.context import Context, run_of
 from ssm_pipeline.runs.layout import ALIGNED, FRAMES, MODEL, Frames
@@ -20,6 +21,5 @@ def build_model(context: Context) -> Outcome:
     storage.save(aligned, folder / ALIGNED.name)
     storage.save(Frames(case_ids, frames), folder / FRAMES.name)
     model.save(folder / MODEL.name)
-    return Outcome(
-        context.case_keys, note=f"{model.mode_count} modes, {model.modes_for(0.9)} hold 90 %"
-    )
+    held = counted(model.modes_for(0.9), "holds 90 %", "hold 90 %")
+    return Outcome(context.case_keys, note=f"{counted(model.mode_count, 'mode')}, {held}")

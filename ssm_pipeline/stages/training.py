@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssm_pipeline import storage
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.stage import Outcome
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 from ssm_pipeline.runs.context import Context, training_bases
@@ -47,7 +48,7 @@ def train_matcher(context: Context) -> Outcome:
             "(training.steps), or compare with the method adaptation only."
         )
     loss = template_losses["mean_loss"].mean()
-    note = f"{len(history)} steps, loss {loss:.3g}, map extent {100 * extent:.0f} %"
+    note = f"{counted(len(history), 'step')}, loss {loss:.3g}, map extent {100 * extent:.0f} %"
     return Outcome(context.case_keys, note=note)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ssm_pipeline.counting import counted
 from ssm_pipeline.data_prep.formats.tables import typed
 from ssm_pipeline.records import StudyError
 
@@ -207,7 +208,8 @@ def _check_groups(name: str, values: pd.Series) -> None:
     counts = values.value_counts()
     if counts.min() < FEWEST_IN_GROUP:
         raise StudyError(
-            f"the group {name} = {counts.idxmin()} has {counts.min()} of {len(values)} cases; "
+            f"the group {name} = {counts.idxmin()} has {counts.min()} of "
+            f"{counted(len(values), 'case')}; "
             f"{FEWEST_IN_GROUP} or more a group are needed. Unite groups, or leave the covariate "
             "out."
         )

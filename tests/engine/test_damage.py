@@ -102,7 +102,7 @@ def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench) -> 
     (bench.masks / "b.txt").unlink()
     write_masks(bench.masks, {"e": "5"})
     said = bench.run()
-    assert "1 cases are no longer of the study: deleted" in said
+    assert "1 case is no longer part of the study: deleted" in said
     assert not (run_folder(bench) / "double" / "b").exists()
     assert bench.worked_on == ["e"]
     assert bench.sum == "26"

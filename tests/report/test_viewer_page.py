@@ -340,7 +340,9 @@ def test_saved_tables_hold_one_number_per_cell(browser, cohort_file, tmp_path):
 
 def test_scores_of_the_cases_are_a_table(page, content, tmp_path):
     page.click("#tab-modes")
-    assert f"{SETTINGS.modes} of {content.model.mode_count} modes" in page.inner_text("#panel-modes")
+    assert f"{SETTINGS.modes} of {content.model.mode_count} modes" in page.inner_text(
+        "#panel-modes"
+    )
     page.click("#panel-modes summary")
     table = saved_table(page, "scores", tmp_path)
     assert table["Case"].tolist() == list(content.model.case_ids)
