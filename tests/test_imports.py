@@ -13,12 +13,12 @@ from source_files import all_modules
 
 ROOT = Path(__file__).parents[1]
 ROOMS = (
-    "counting",
     "geometry",
     "records",
     "settings",
     "methods",
     "storage",
+    "counting",
     "parallel",
     "meshing",
     "data_prep",
