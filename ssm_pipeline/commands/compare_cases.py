@@ -77,8 +77,8 @@ def compare_cases(
     for row in result.tests.itertuples():
         terminal.say(
             f"{row.term}   T² = {row.hotelling_t2:.4g}, p = {row.hotelling_p:.4g} (Hotelling, "
-            f"{counted(row.modes, 'mode')})   F({row.procrustes_df}, {row.procrustes_residual_df}) = "
-            f"{row.procrustes_f:.4g}, p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
+            f"{counted(row.modes, 'mode')})   "
+            f"F({row.procrustes_df}, {row.procrustes_residual_df}) = {row.procrustes_f:.4g}, p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
             f"explains {row.explained_percent:.1f} % of the variance that the others leave"
         )
     terminal.say(f"page: {page}")
