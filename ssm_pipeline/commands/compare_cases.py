@@ -78,7 +78,8 @@ def compare_cases(
         terminal.say(
             f"{row.term}   T² = {row.hotelling_t2:.4g}, p = {row.hotelling_p:.4g} (Hotelling, "
             f"{counted(row.modes, 'mode')})   "
-            f"F({row.procrustes_df}, {row.procrustes_residual_df}) = {row.procrustes_f:.4g}, p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
+            f"F({row.procrustes_df}, {row.procrustes_residual_df}) = {row.procrustes_f:.4g}, "
+            f"p = {row.procrustes_p:.4g} (Procrustes, all modes)   "
             f"explains {row.explained_percent:.1f} % of the variance that the others leave"
         )
     terminal.say(f"page: {page}")
