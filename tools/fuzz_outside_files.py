@@ -67,7 +67,8 @@ def read_segments(path: Path) -> object:
 def write_surface(folder: Path, name: str) -> Path:
     import pyvista
 
-    pyvista.Sphere(theta_resolution=6, phi_resolution=6).save(folder / name)
+    ball = pyvista.Sphere(theta_resolution=6, phi_resolution=6)
+    (ball.cast_to_unstructured_grid() if name.endswith(".vtu") else ball).save(folder / name)
     return folder / name
 
 
@@ -105,6 +106,7 @@ class _Forking:
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
         import vtkmodules.util.numpy_support
         import vtkmodules.vtkFiltersCore
+        import vtkmodules.vtkFiltersGeometry
         import vtkmodules.vtkIOLegacy
         import vtkmodules.vtkIOXML  # noqa: F401
 
@@ -132,7 +134,7 @@ class _Forking:
 
 def surface_reader(name: str, write: Callable[[Path, str], Path]) -> Reader:
     file = f"a.{name}"
-    read = read_vtk if name in ("vtk", "vtp") else read_surface
+    read = read_vtk if name in ("vtk", "vtp", "vtu") else read_surface
     return Reader(f"surface {name}", lambda folder: write(folder, file), read)
 
 
@@ -195,6 +197,26 @@ def read_markups(path: Path) -> object:
     return read_landmarks(path)
 
 
+def write_fcsv(folder: Path) -> Path:
+    path = folder / "points.fcsv"
+    path.write_text(
+        "# CoordinateSystem = LPS\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,"
+        "associatedNodeID\n1,1,2,3,0,0,0,1,1,1,0,apex,,,2,0\n"
+    )
+    return path
+
+
+def write_workbook(folder: Path) -> Path:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["case_id", "sex", "age"])
+    for number, case_id in enumerate(CASE_IDS):
+        book.active.append([case_id, "fm"[number % 2], 40 + number])
+    book.save(folder / "a.xlsx")
+    return folder / "a.xlsx"
+
+
 CASE_IDS = tuple(f"{number:03d}" for number in range(20))
 
 
@@ -251,6 +273,7 @@ OUTSIDE_FILES = (
     surface_reader("off", write_trimesh),
     surface_reader("vtk", write_surface),
     surface_reader("vtp", write_surface),
+    surface_reader("vtu", write_surface),
     Reader("matching off", write_matching, read_matching),
     Reader("vts", write_vts, read_matching),
     Reader("study yaml", write_study, read_study),
@@ -258,4 +281,6 @@ OUTSIDE_FILES = (
     Reader("covariates tsv", lambda folder: write_covariates(folder, "a.tsv"), read_covariates),
     Reader("statismo h5", write_statismo, read_statismo),
     Reader("markups", write_markups, read_markups),
+    Reader("fcsv", write_fcsv, read_markups),
+    Reader("covariates xlsx", write_workbook, read_covariates),
 )

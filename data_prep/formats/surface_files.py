@@ -14,8 +14,8 @@ from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
 from ssm_pipeline.records import CaseError, Mesh, require_type
 
-SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp")
-_VTK = (".vtk", ".vtp")
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".vtu")
+_VTK = (".vtk", ".vtp", ".vtu")
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 WELD_SHARE = 1e-5  # of the diagonal: single precision at 10 times the size
 _HEADER_BYTES = 4096  # where 3D Slicer's note of the coordinate system stands

@@ -1,4 +1,4 @@
-"""VTK's `.vtk` and `.vtp` surfaces, read in a process of their own.
+"""VTK's `.vtk`, `.vtp` and `.vtu` surfaces, read in a process of their own.
 
 VTK 9.7's readers end the process that they run in on some damaged files: a segmentation fault, or
 all memory asked for at once. This file is also the program of that process, so that it imports
@@ -14,11 +14,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 
 LONGEST_S = 600
+_HEADER_BYTES = 4096  # a legacy file names its kind of data there
 MEMORY_BYTES, MEMORY_PER_BYTE = 2 * 2**30, 30  # of the file: text is read into numbers and lists
 
 
@@ -49,14 +51,21 @@ def read_vtk(path: Path) -> tuple[np.ndarray, np.ndarray, str | None]:
 def _read_here(path: str) -> tuple[np.ndarray, np.ndarray, str]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-    from vtkmodules.vtkIOLegacy import vtkPolyDataReader
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+    from vtkmodules.vtkIOLegacy import vtkPolyDataReader, vtkUnstructuredGridReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
 
+    start = Path(path).read_bytes()[:_HEADER_BYTES]
     reader = vtkXMLPolyDataReader() if path.lower().endswith(".vtp") else vtkPolyDataReader()
+    if path.lower().endswith(".vtu"):
+        reader = vtkXMLUnstructuredGridReader()
+    elif b"DATASET UNSTRUCTURED_GRID" in start.upper():
+        reader = vtkUnstructuredGridReader()
     reader.SetFileName(path)
     with _vtk_errors() as errors:
         reader.Update()
     surface = reader.GetOutput()
+    if surface.IsA("vtkUnstructuredGrid") and not errors:
+        surface = _surface_of_grid(surface)
     count = surface.GetNumberOfPoints()
     corners = vtk_to_numpy(surface.GetPolys().GetConnectivityArray())
     # VTK fills up what a cut-off file lacks with whatever the memory held.
@@ -77,6 +86,25 @@ def _read_here(path: str) -> tuple[np.ndarray, np.ndarray, str]:
     note = surface.GetFieldData().GetAbstractArray("SPACE")  # 3D Slicer's, in a .vtp
     space = str(note.GetValue(0)) if note is not None and note.GetNumberOfValues() else ""
     return vertices, faces.astype(np.int64), space if space in ("LPS", "RAS") else ""
+
+
+def _surface_of_grid(grid: Any) -> Any:
+    """The faces of a grid that has no solid cells."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
+    cells = grid.GetCells()
+    corners = vtk_to_numpy(cells.GetConnectivityArray()) if cells else np.empty(0)
+    if corners.size and (corners.min() < 0 or corners.max() >= grid.GetNumberOfPoints()):
+        raise UnreadableSurface("faces name missing vertices")
+    solid = [i for i in range(grid.GetNumberOfCells()) if grid.GetCell(i).GetCellDimension() > 2]
+    if solid:
+        raise UnreadableSurface(f"{len(solid)} of its cells are solids; save their surface alone")
+    faces = vtkGeometryFilter()
+    faces.MergingOff()
+    faces.SetInputData(grid)
+    faces.Update()
+    return faces.GetOutput()
 
 
 @contextmanager

@@ -21,9 +21,10 @@ MESH = blob(3)
 
 def write(path: Path, binary: bool = True) -> Path:
     """The blob as trimesh or VTK writes it."""
-    if path.suffix in (".vtk", ".vtp") or (path.suffix in (".ply", ".stl") and not binary):
+    if path.suffix in (".vtk", ".vtp", ".vtu") or (path.suffix in (".ply", ".stl") and not binary):
         surface = pv.PolyData.from_regular_faces(MESH.vertices, MESH.faces)
-        surface.save(path, binary=binary)
+        whole = surface.cast_to_unstructured_grid() if path.suffix == ".vtu" else surface
+        whole.save(path, binary=binary)
     else:
         trimesh.Trimesh(MESH.vertices, MESH.faces, process=False).export(path)
     return path
@@ -128,3 +129,16 @@ def test_stl_corners_that_nearly_agree_are_joined(tmp_path: Path, jitter_mm: flo
     assert euler_number(read.faces) == 2
     assert len(read.vertices) == len(MESH.vertices)
     assert read.faces.shape == MESH.faces.shape
+
+
+def test_a_grid_of_triangles_is_a_surface_and_one_of_solids_is_not(tmp_path: Path) -> None:
+    surface = pv.PolyData.from_regular_faces(MESH.vertices, MESH.faces)
+    surface.cast_to_unstructured_grid().save(tmp_path / "a.vtk")
+    read = read_mesh(tmp_path / "a.vtk")
+    assert euler_number(read.faces) == 2
+    assert volume(read.vertices, read.faces) == pytest.approx(
+        volume(MESH.vertices, MESH.faces), rel=1e-5
+    )
+    pv.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid().save(tmp_path / "b.vtu")
+    with pytest.raises(CaseError, match="8 of its cells are solids"):
+        read_mesh(tmp_path / "b.vtu")
