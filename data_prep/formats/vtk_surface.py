@@ -55,7 +55,7 @@ def _read_here(path: str) -> tuple[np.ndarray, np.ndarray, str]:
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
 
     start = Path(path).read_bytes()[:_HEADER_BYTES]
-    reader = vtkXMLPolyDataReader() if path.lower().endswith(".vtp") else vtkPolyDataReader()
+    reader: Any = vtkXMLPolyDataReader() if path.lower().endswith(".vtp") else vtkPolyDataReader()
     if path.lower().endswith(".vtu"):
         reader = vtkXMLUnstructuredGridReader()
     elif b"DATASET UNSTRUCTURED_GRID" in start.upper():
