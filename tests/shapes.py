@@ -33,3 +33,17 @@ def blob(seed: int, faces: int = 600, case_id: str | None = None) -> Mesh:
 
 def basis_of(mesh: Mesh, eigenpairs: int = 20) -> SpectralBasis:
     return spectral_basis(mesh, SpectralSettings(eigenpairs=eigenpairs))
+
+
+def bar_mesh(pitch: float) -> Mesh:
+    """A box along x, six times as long as thick; no edge is longer than the pitch."""
+    box = trimesh.creation.box((6.0, 1.0, 1.0)).subdivide_to_size(pitch)
+    return Mesh(box.vertices, box.faces, f"bar {pitch}")
+
+
+def bent_bar(vertices: np.ndarray, angle: float = 1.5) -> np.ndarray:
+    """An arc of so many radians: the axis keeps its length and sections stay plane."""
+    length = np.ptp(vertices[:, 0])
+    radius, turn = length / angle, vertices[:, 0] / length * angle
+    across = radius - vertices[:, 2]
+    return np.stack([across * np.sin(turn), vertices[:, 1], radius - across * np.cos(turn)], axis=1)

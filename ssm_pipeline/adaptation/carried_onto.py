@@ -15,6 +15,7 @@ def carried_onto(
     laid: np.ndarray,
     fitted: np.ndarray,
     start: str = "rigid",
+    start_reason: str = "",
 ) -> Correspondence:
     """Every point's nearest place on the case's triangles, and the case's nearest vertex.
 
@@ -32,4 +33,5 @@ def carried_onto(
         nearest_vertex=nearest_vertex.astype(np.int64),
         fitted=fitted,
         start=start,
+        start_reason=start_reason,
     )

@@ -23,7 +23,7 @@ def map_start(
 
     Minimises, over x and one rotation R_i per vertex,
 
-        ½ Σ_ij w_ij ‖R_i (r_i − r_j) − (x_i − x_j)‖² + μ Σ_i m_i c_i ‖x_i − g_i‖²,
+        Σ_ij w_ij ‖R_i (r_i − r_j) − (x_i − x_j)‖² + μ Σ_i m_i c_i ‖x_i − g_i‖²,
 
     where c_i = 1 / (1 + (‖x_i − g_i‖ / 0.1)²)² belongs to the robust loss of Geman and McClure: a
     target that contradicts its surroundings loses its weight. Twelve alternations of the
@@ -34,18 +34,19 @@ def map_start(
         targets: (V, 3) where the map sends each vertex, g, at unit area.
         laplacian: (V, V) of the template; off the diagonal it holds −w_ij.
         mass: (V,) areas m_i, of sum 1.
-        map_weight: μ. Waves shorter than about 2π / √μ are smoothed; 0 is not allowed.
+        map_weight: μ > 0. Noise of the map is smoothed over distances of about √(2 / μ).
 
     Source: Sorkine and Alexa 2007 for the first term; the robust targets are this project's.
     """
     edges = Edges.of(rest, laplacian)
     stiffness = edges.laplacian(len(rest))
+    half = 0.5 * map_weight * mass  # half the gradient of each term is what is solved
     x, robust = targets, np.ones(len(rest))
     for _ in range(ALTERNATIONS):
-        pull = map_weight * mass * robust
+        pull = half * robust
         right = edges.divergence(best_rotations(edges, x)) + pull[:, None] * targets
         # Where every target lost its weight a piece could drift: keep the factor regular.
-        regular = pull + 1e-9 * map_weight * mass
+        regular = pull + 1e-9 * half
         factor = splu(
             (stiffness + sp.diags(regular)).tocsc(),
             permc_spec="MMD_AT_PLUS_A",

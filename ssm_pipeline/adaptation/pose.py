@@ -10,6 +10,7 @@ from ssm_pipeline.adaptation.objective import MapPull
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.matching.hard_map import projected
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.training.matcher import Matcher
@@ -61,6 +62,24 @@ def carried_case(
     return target.double().cpu().numpy()
 
 
+def cycle_error(template: SpectralBasis, case: SpectralBasis, matcher: Matcher) -> float:
+    """The mean distance that template → case → template moves a point, √area.
+
+    Always of the projected features, which is what `full` follows.
+    """
+    return float(template.mass @ _cycle(template, case, matcher, True)[1])
+
+
+def map_of_pose(
+    template: SpectralBasis, case: SpectralBasis, matcher: Matcher, pose: np.ndarray
+) -> np.ndarray:
+    """(V, 3) the case's vertices nearest to a pose of the template, that map projected."""
+    _, nearest = cKDTree(case.vertices).query(pose)
+    shape_x, shape_y = matcher.shape(template), matcher.shape(case)
+    x_to_y = projected(torch.as_tensor(nearest, device=matcher.device), shape_x, shape_y)
+    return np.asarray(case.vertices[x_to_y.cpu().numpy()])
+
+
 def map_pull(
     template: SpectralBasis, case: SpectralBasis, matcher: Matcher, settings: AdaptationSettings
 ) -> MapPull | None:
@@ -70,13 +89,20 @@ def map_pull(
     """
     if settings.map_weight == 0:
         return None
-    shape_x, shape_y = matcher.shape(template), matcher.shape(case)
     projects = matcher.settings.matching.inference_map != "features"
-    x_to_y = matcher.hard_map(shape_x, shape_y, projects).cpu().numpy()
-    y_to_x = matcher.hard_map(shape_y, shape_x, projects).cpu().numpy()
-    cycle = np.linalg.norm(template.vertices[y_to_x[x_to_y]] - template.vertices, axis=1)
+    x_to_y, cycle = _cycle(template, case, matcher, projects)
     confidence = np.exp(-0.5 * (cycle / settings.cycle_scale) ** 2)
     return MapPull(case.vertices[x_to_y], settings.map_weight * template.mass * confidence)
+
+
+def _cycle(
+    template: SpectralBasis, case: SpectralBasis, matcher: Matcher, projects: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """(V,) the case's vertex for each of the template's, and how far off the way back ends."""
+    shape_x, shape_y = matcher.shape(template), matcher.shape(case)
+    x_to_y = matcher.hard_map(shape_x, shape_y, projects).cpu().numpy()
+    y_to_x = matcher.hard_map(shape_y, shape_x, projects).cpu().numpy()
+    return x_to_y, np.linalg.norm(template.vertices[y_to_x[x_to_y]] - template.vertices, axis=1)
 
 
 def _posed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -23,10 +23,18 @@ class AdaptationSettings(Settings):
     # error; in the paper adaptation hears the map through X(1) alone: 0.
     map_weight: float = Field(0.0, ge=0)
     cycle_scale: float = Field(0.05, gt=0)  # √area; a vertex whose cycle ends so far off: c = 0.6
-    # Where adaptation starts. both: at the template turned as the map says, at the rigid alignment,
-    # and at the network's pose. network: at the network's pose, as in the paper.
-    starts: Literal["both", "network"] = "both"
-    # The first of these is kept, unless another ends with so much less of distance and distortion
-    # together: where all reach the case, a few percent do not tell which is right.
+    # Where adaptation starts. map: at the pose of the map (`starts_from_map`). network: at the
+    # network's pose, as in the paper.
+    starts: Literal["map", "network"] = "map"
+    # μ of the pose of the map, per area: noise is smoothed over √(2 / μ), 0.32 and 0.18 √area.
+    # A further weight stands for a further round: the nearest points of the pose make a new map.
+    start_map_weights: tuple[Annotated[float, Field(gt=0)], ...] = Field((20.0, 60.0), min_length=1)
+    # √area; a map that bends the template by less on average gives a rotation only.
+    rigid_below: float = Field(0.05, ge=0)
+    # √area; a map that bends the template is trusted where its cycle error is at most this.
+    trusted_cycle: float = Field(0.03, ge=0)
+    # A start by closest points that contradicts the map is kept only if it ends with so much less
+    # of distance and distortion: where both reach the case, a few percent do not tell which is
+    # right.
     start_margin: float = Field(0.25, ge=0, lt=1)
     path_times: int = Field(5, ge=2)  # times at which a path is adapted, 0 and 1 included

@@ -115,8 +115,9 @@ class Correspondence:
         nearest_vertex: `(V_t,)` int, the vertex of the case nearest to the adapted template vertex.
         fitted: `(V_t, 3)` mm, the adapted template X(1, 1) in the case's own space, before it is
             projected onto the surface.
-        start: The start of the adaptation: rigid, turned (a rotation by the map), network, mean or
-            as scanned.
+        start: The start of the adaptation: map (as rigid as possible), turned (a rotation by the
+            map), rigid, network, mean or as scanned.
+        start_reason: Why that start was kept.
 
     Examples:
         >>> case = Mesh([[0, 0, 0], [30, 0, 0], [0, 40, 0]], [[0, 1, 2]], "b")
@@ -133,6 +134,7 @@ class Correspondence:
     nearest_vertex: Int[np.ndarray, " V"]
     fitted: Float[np.ndarray, "V 3"]
     start: str = "rigid"
+    start_reason: str = ""
 
     def points_on(self, case: Mesh) -> np.ndarray:
         """The matched points on the case's surface.

@@ -146,7 +146,12 @@ def write_match(pair: Pair, folder: Path) -> Row:
     matcher, coarse = pair.networks()
     match = correspond_bases(template, case, matcher, pair.settings, pair.method, coarse, pair.seed)
     storage.save(match, folder / CORRESPONDENCE.name)
-    return {"case_id": case.case_id, "template_id": template.case_id, "start": match.start}
+    return {
+        "case_id": case.case_id,
+        "template_id": template.case_id,
+        "start": match.start,
+        "start_reason": match.start_reason,
+    }
 
 
 def write_match_of_mean(

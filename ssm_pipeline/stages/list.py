@@ -49,7 +49,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
             "seed": s.seed,
         },
         needs=("spectral", "training"),
-        version=6,
+        version=7,
     ),
     Stage(
         "groupwise",

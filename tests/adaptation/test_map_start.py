@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
-from shapes import basis_of, blob
+from shapes import bar_mesh, basis_of, bent_bar, blob
 
 from ssm_pipeline.adaptation.map_start import map_start
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.records import Mesh
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 2.0])
 MU = 100.0
@@ -26,19 +24,6 @@ def bar():
     return basis_of(bar_mesh(0.5), 5)
 
 
-def bar_mesh(pitch):
-    box = trimesh.creation.box((6.0, 1.0, 1.0)).subdivide_to_size(pitch)
-    return Mesh(box.vertices, box.faces, f"bar {pitch}")
-
-
-def bent(vertices, angle=1.5):
-    """An arc of the bar's own length: its axis keeps its length, sections stay plane."""
-    length = np.ptp(vertices[:, 0])
-    radius, turn = length / angle, vertices[:, 0] / length * angle
-    across = radius - vertices[:, 2]
-    return np.stack([across * np.sin(turn), vertices[:, 1], radius - across * np.cos(turn)], axis=1)
-
-
 def start_of(basis, targets, weight=MU):
     return map_start(basis.vertices, targets, basis.laplacian, basis.mass, weight)
 
@@ -49,13 +34,13 @@ def test_exact_on_a_rigid_motion(basis) -> None:
 
 
 def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar) -> None:
-    goal = bent(bar.vertices)
+    goal = bent_bar(bar.vertices)
     off = [np.abs(start_of(bar, goal, weight) - goal).max() for weight in (30, 300, 1e7)]
     assert off[2] < 1e-3 < off[1] < off[0] < 0.03  # of a bar 1 long: its skin must stretch
 
 
 def test_targets_that_are_wildly_wrong_lose_their_weight(bar) -> None:
-    goal = bent(bar.vertices)
+    goal = bent_bar(bar.vertices)
     exact = start_of(bar, goal)
     generator = np.random.default_rng(0)
     wild = generator.choice(len(goal), len(goal) // 5, replace=False)
@@ -77,7 +62,7 @@ def test_rotating_the_targets_rotates_the_start(basis) -> None:
 
 def test_two_triangulations_of_one_shape_start_alike() -> None:
     coarse, fine = basis_of(bar_mesh(0.5), 5), basis_of(bar_mesh(0.25), 5)
-    poses = [start_of(basis, bent(basis.vertices)) for basis in (coarse, fine)]
+    poses = [start_of(basis, bent_bar(basis.vertices)) for basis in (coarse, fine)]
     place = closest_points(fine.vertices, coarse.vertices, coarse.faces)
     on_coarse = interpolated(poses[0], coarse.faces[place.faces], place.barycentric)
     apart = np.linalg.norm(on_coarse - poses[1], axis=1).mean()

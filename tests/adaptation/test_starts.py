@@ -1,12 +1,18 @@
 """Adaptation from several starts: which is kept."""
 
+import re
+
 import numpy as np
 import pytest
-from shapes import basis_of, blob
+from scipy.spatial.transform import Rotation
+from shapes import bar_mesh, basis_of, bent_bar, blob
 
 from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.distortion import distortion
+from ssm_pipeline.adaptation.map_start import map_start
+from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
+from ssm_pipeline.adaptation.starts import kept_start, starts_from_map
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.training.settings import TrainingSettings
@@ -63,41 +69,91 @@ def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
     assert not np.allclose(full.fitted, network.fitted)
 
 
-def test_where_all_starts_reach_the_case_the_maps_turn_is_kept(
+def test_where_both_starts_reach_the_case_the_rotation_of_the_map_is_kept(
     bases, untrained, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A few percent of the cost tell nothing; without a margin they decide."""
-    from ssm_pipeline.adaptation import correspond as module
-    from ssm_pipeline.adaptation import pose
+    """A few percent of the cost tell nothing."""
+    from ssm_pipeline.adaptation import pose, starts
 
     template, case = bases[0], bases[1]
-    tilt = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
-    better = module.rigidly_aligned(template, case, 0)
-    monkeypatch.setattr(pose, "carried_case", lambda *_: better @ tilt)
-    monkeypatch.setattr(pose, "pose_path", lambda *_: better[None])
-    assert correspond_bases(template, case, untrained, SETTINGS).start == "turned"
-    costs = iter([1.0, 0.8, 0.9])
-    monkeypatch.setattr(module, "distortion", lambda *_: 1e6 * next(costs))
-    assert correspond_bases(template, case, untrained, SETTINGS).start == "turned"
-    costs = iter([1.0, 0.7, 0.6])
-    assert correspond_bases(template, case, untrained, SETTINGS).start == "network"
+    tilt = Rotation.from_rotvec([0, 0, 0.05])
+    targets = tilt.apply(rigidly_aligned(template, case, 0))
+    monkeypatch.setattr(pose, "carried_case", lambda *_: targets)
+    alone = correspond_bases(template, case, untrained, SETTINGS)
+    assert alone.start == "turned"
+    assert "rigid" not in alone.start_reason  # the two poses agree: one is adapted
+    monkeypatch.setattr(starts, "SAME_POSE_DEG", 1.0)
+    for second, kept in ((0.8, "turned"), (0.7, "rigid")):
+        costs = iter([1.0, second])
+        monkeypatch.setattr(starts, "distortion", lambda *_, costs=costs: 1e6 * next(costs))
+        match = correspond_bases(template, case, untrained, SETTINGS)
+        assert match.start == kept
+        assert re.search(r"turned ends at .*; rigid ends at", match.start_reason)
 
 
-def test_the_network_wins_where_the_rigid_start_cannot_reach(
-    bases, untrained, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A case turned over: aligned rigidly it stays the wrong way round, the network's pose not."""
-    from ssm_pipeline.adaptation import correspond as module
-    from ssm_pipeline.adaptation import pose
-
+def test_a_case_turned_over_is_matched_by_the_rotation_of_the_map(bases, untrained) -> None:
+    """Rigid alignment by closest points leaves it the wrong way round."""
     template = bases[0]
-    upside_down = Mesh(template.vertices * [-1, -1, 1], template.faces, "turned")
-    case = basis_of(upside_down)
-    monkeypatch.setattr(module, "rigidly_aligned", lambda template, case, seed: template.vertices)
-    monkeypatch.setattr(pose, "pose_path", lambda *_: case.vertices[None])
+    case = basis_of(Mesh(template.vertices * [-1, -1, 1], template.faces, "turned"))
     match = correspond_bases(template, case, untrained, SETTINGS)
-    assert match.start in ("network", "turned")  # the map of equal shapes turns it rightly, too
+    assert match.start == "turned"
     assert (match.nearest_vertex == np.arange(len(case.vertices))).mean() > 0.95
+
+
+@pytest.fixture(scope="module")
+def bars():
+    """A bar, and the same bar bent to most of a circle."""
+    straight = bar_mesh(0.4)
+    bent = Mesh(bent_bar(straight.vertices, 4.0), straight.faces, "bent")
+    return basis_of(straight), basis_of(bent)
+
+
+def test_a_map_that_bends_the_template_gives_its_pose_and_refuses_rigid_starts(bars) -> None:
+    template, case = bars
+
+    def exact(pose: np.ndarray) -> np.ndarray:
+        return np.asarray(case.vertices)
+
+    trusted = starts_from_map(template, case, case.vertices, exact, lambda: 0.01, SETTINGS, 0)
+    assert [start.name for start in trusted] == ["map"]
+    assert np.linalg.norm(trusted[0].pose - case.vertices, axis=1).mean() < 0.03
+    doubtful = starts_from_map(template, case, case.vertices, exact, lambda: 0.2, SETTINGS, 0)
+    assert [start.name for start in doubtful] == ["map", "rigid"]
+    posed, kept = kept_start(doubtful, template, case, SETTINGS, 0)
+    assert kept.name == "map"
+    assert np.linalg.norm(posed - case.vertices, axis=1).mean() < 0.03
+    assert "cycle error 0.200" in kept.why
+    assert "rigid ends at" in kept.why
+
+
+def test_each_further_weight_makes_a_round_from_the_pose_before(bars) -> None:
+    template, case = bars
+    given: list[np.ndarray] = []
+
+    def map_of_pose(pose: np.ndarray) -> np.ndarray:
+        given.append(pose)
+        return np.asarray(case.vertices + 0.01)
+
+    weights = SETTINGS.start_map_weights
+    found = starts_from_map(template, case, case.vertices, map_of_pose, lambda: 0, SETTINGS, 0)
+    rest, L, mass = template.vertices, template.laplacian, template.mass
+    assert len(given) == len(weights) - 1 == 1
+    np.testing.assert_array_equal(given[0], map_start(rest, case.vertices, L, mass, weights[0]))
+    expected = map_start(rest, case.vertices + 0.01, L, mass, weights[1])
+    np.testing.assert_array_equal(found[0].pose, expected)
+    straight = starts_from_map(template, template, rest, map_of_pose, lambda: 0, SETTINGS, 0)
+    assert straight[0].name == "turned"
+    assert len(given) == 1  # a rotation needs no refinement
+
+
+def test_a_doubtful_map_that_tears_the_template_loses_against_the_rigid_start(bars) -> None:
+    template, _ = bars
+    wrong = template.vertices[np.random.default_rng(0).permutation(len(template.vertices))]
+    settings = SETTINGS.model_copy(update={"rigid_below": 0.0})
+    starts = starts_from_map(template, template, wrong, lambda _: wrong, lambda: 0.4, settings, 0)
+    posed, kept = kept_start(starts, template, template, settings, 0)
+    assert kept.name == "rigid"
+    assert np.linalg.norm(posed - template.vertices, axis=1).mean() < 0.02
 
 
 def test_the_papers_start_alone_is_a_setting(bases, untrained) -> None:
