@@ -10,7 +10,7 @@ from ssm_pipeline.adaptation.objective import MapPull
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
-from ssm_pipeline.matching.hard_map import projected
+from ssm_pipeline.matching.hard_map import nearest_features, projected
 from ssm_pipeline.matching.settings import InferenceMap
 from ssm_pipeline.records import SpectralBasis
 from ssm_pipeline.training.matcher import Matcher
@@ -100,8 +100,13 @@ def _cycle(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(V,) the case's vertex for each of the template's, and how far off the way back ends."""
     shape_x, shape_y = matcher.shape(template), matcher.shape(case)
-    x_to_y = matcher.hard_map(shape_x, shape_y, projects).cpu().numpy()
-    y_to_x = matcher.hard_map(shape_y, shape_x, projects).cpu().numpy()
+    features_x, features_y = matcher.features(shape_x), matcher.features(shape_y)
+    there = nearest_features(features_x, features_y)
+    back = nearest_features(features_y, features_x)
+    if projects:
+        there = projected(there, shape_x, shape_y)
+        back = projected(back, shape_y, shape_x)
+    x_to_y, y_to_x = there.cpu().numpy(), back.cpu().numpy()
     return x_to_y, np.linalg.norm(template.vertices[y_to_x[x_to_y]] - template.vertices, axis=1)
 
 
