@@ -41,7 +41,7 @@ def correspond_bases(
     With every method the moved template is then projected onto the nearest point of the case's
     triangles. Both that point and the nearest vertex are kept. The methods are:
 
-    - full: adapted to the case (Eq. 15–16) from the pose of the map: a rotation where the shapes lie
+    - full: adapted to the case (Eq. 15–16) from the pose of the map: a rotation where shapes lie
       alike, as rigid as possible where the map bends the template; from rigid alignment where the
       map is doubtful and that ends much nearer and less distorted (`starts_from_map`)
     - network start: from the network's pose only, the paper's method
