@@ -40,7 +40,8 @@ class ReportContent:
             out of the page, and said to be.
         cohort: case_id and quality control columns, units in the names; `dropped` holds the reason
             for cases left out (empty otherwise), `warnings` any remarks.
-        stages: One mapping per stage: name, seconds, peak_memory_mb, cases_in, cases_out.
+        stages: One mapping per stage: name, seconds (None: reused from an earlier run),
+            peak_memory_mb, cases_in, cases_out.
         training: A row per step: step, total, one column per loss, and what was watched of the map
             (map_extent, map_sharpness, mean_cosine, share_hit). None: no curves.
         check: case_id, robust z-scores (`…_z`) and remarks of the cohort check; check_pictures case

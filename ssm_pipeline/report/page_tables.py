@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import pandas as pd
@@ -10,7 +11,7 @@ from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.curves import distances_in, quality_curves
 from ssm_pipeline.report.headings import heading
 from ssm_pipeline.report.method_table import without_shown
-from ssm_pipeline.report.tables import ReadableTable, readable
+from ssm_pipeline.report.tables import Cell, ReadableTable, readable
 from ssm_pipeline.shape_model.model import ShapeModel
 
 _TITLES = {
@@ -104,7 +105,17 @@ def _stages(content: ReportContent) -> ReadableTable | None:
         return None
     stages = pd.DataFrame([dict(stage) for stage in content.stages])
     plain = [c for c in stages if not stages[c].map(lambda v: isinstance(v, list | dict)).any()]
-    return readable(stages[plain], keep=tuple(plain))
+    if "seconds" in stages:
+        stages["seconds"] = stages["seconds"].astype(float)
+    table = readable(stages[plain], keep=tuple(plain))
+    rows = [
+        tuple(
+            Cell("reused", "reused", ("",)) if name == "seconds" and cell.text == "–" else cell
+            for name, cell in zip(plain, row, strict=True)
+        )
+        for row in table.rows
+    ]
+    return dataclasses.replace(table, rows=tuple(rows))
 
 
 def _by_modes(content: ReportContent, name: str) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
 from ssm_pipeline.engine.keys import key_of_files
-from ssm_pipeline.engine.left_files import files_of_stage
+from ssm_pipeline.engine.left_files import CASE_FILE, files_of_stage
 from ssm_pipeline.engine.process import versions
 from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
@@ -101,7 +101,7 @@ def report_content(run: Run) -> ReportContent:
         stages=tuple(
             {
                 "name": record.stage,
-                "seconds": record.seconds,
+                "seconds": _seconds(record, run.folder / record.stage),
                 "peak_memory_mb": record.peak_memory_mb,
                 "cases_in": len(record.cases_in),
                 "cases_out": len(record.cases_out),
@@ -122,6 +122,14 @@ def report_content(run: Run) -> ReportContent:
             for path in sorted((run.stage_folder("cohort_check") / "pictures").glob("*.png"))
         },
     )
+
+
+def _seconds(record: StageRecord, folder: Path) -> float | None:
+    """Seconds that a stage took; None if all of its cases were reused from an earlier run."""
+    cases = [storage.read_json(path) for path in sorted(folder.glob(f"*/{CASE_FILE}"))]
+    on_cases = sum(float(case.get("seconds", 0.0)) for case in cases)
+    is_reused = record.seconds < 0.1 and on_cases > 10 * record.seconds + 0.1
+    return None if is_reused else record.seconds
 
 
 def _losses(run: Run) -> pd.DataFrame | None:
