@@ -6,6 +6,7 @@ correspondence, the model, its scores and the report were made with the case, an
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +91,21 @@ def _forget_in_settings(path: Path, case_id: str) -> None:
     """As a template, as one of data.cases, as left out with a reason."""
     if path.is_file() and case_id in path.read_text(encoding="utf-8", errors="replace"):
         left = without_value(read_yaml(path), case_id)
+        data = left.get("data", {})
+        if excluded := data.get("exclude"):
+            data["exclude"] = {
+                other: without_name(str(reason), case_id) for other, reason in excluded.items()
+            }
         storage.write_text(path, yaml.safe_dump(left, sort_keys=False, allow_unicode=True))
+
+
+def without_name(text: str, case_id: str) -> str:
+    """A reason that names a withdrawn case, without its name.
+
+    >>> without_name("a copy of a-1, not of a-12", "a-1")
+    'a copy of a withdrawn case, not of a-12'
+    """
+    return re.sub(rf"(?<![\w-]){re.escape(case_id)}(?![\w-])", "a withdrawn case", text)
 
 
 def without_value(settings: Any, value: str) -> Any:

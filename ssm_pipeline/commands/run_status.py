@@ -74,8 +74,10 @@ def status_lines(run_folder: Path) -> list[str]:
         if events and events[-1]["event"] == "run stopped":
             because = str(events[-1].get("error", "")).splitlines()
             lines.append(f"because: {because[0] if because else 'not said'}")
-    else:
+    elif finished:
         lines.append("finished")
+    else:  # its stages were deleted, as by `workflow forget`
+        lines = ["no stage is finished. Run the study again: workflow run"]
     if work is not None:
         lines += lines_of_time_left(work, events, stages_that_ended(run_folder.parent))
     return lines
