@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -101,11 +102,20 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
     content = path.read_bytes()
-    if path.suffix.lower() == ".stl" and (missing := _missing_of_stl(content)):
+    is_stl = path.suffix.lower() == ".stl"
+    if is_stl and content.lstrip()[:5] == b"SOLID" and b"\0" not in content[:_HEADER_BYTES]:
+        content = content.lower()  # trimesh knows the words of a text in small letters only
+    if is_stl and (missing := _missing_of_stl(content)):
         raise damaged(path, case_id, missing)
     try:
         # process=False: vertices stay as the file numbers them.
-        read: Any = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+        read: Any = trimesh.load(
+            io.BytesIO(content) if is_stl else path,
+            file_type="stl" if is_stl else None,
+            force="mesh",
+            process=False,
+            maintain_order=True,
+        )
         vertices = np.asarray(read.vertices).reshape(-1, 3)
         faces = np.asarray(getattr(read, "faces", ())).reshape(-1, 3)
     except Exception as error:  # its readers raise whatever the damage happens to break

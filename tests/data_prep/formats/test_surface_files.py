@@ -142,3 +142,11 @@ def test_a_grid_of_triangles_is_a_surface_and_one_of_solids_is_not(tmp_path: Pat
     pv.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid().save(tmp_path / "b.vtu")
     with pytest.raises(CaseError, match="8 of its cells are solids"):
         read_mesh(tmp_path / "b.vtu")
+
+
+def test_an_stl_text_in_capitals_is_read(tmp_path: Path) -> None:
+    text = write(tmp_path / "a.stl", binary=False).read_bytes()
+    (tmp_path / "B.STL").write_bytes(text.upper())
+    one, other = read_mesh(tmp_path / "a.stl"), read_mesh(tmp_path / "B.STL")
+    np.testing.assert_array_equal(one.vertices, other.vertices)
+    np.testing.assert_array_equal(one.faces, other.faces)
