@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,7 +151,7 @@ def test_the_seed_reaches_the_points_that_matching_draws() -> None:
         (lambda m: ssm.run(["luna16"]), "study is a list; str or Path"),
     ],
 )
-def test_a_wrong_type_is_refused_by_name(call, message) -> None:
+def test_a_wrong_type_is_refused_by_name(call: Any, message: str) -> None:
     with pytest.raises(TypeError, match=message):
         call(blob(1, faces=200))
 
@@ -183,7 +184,7 @@ def test_every_nested_settings_class_is_public() -> None:
     assert needed <= set(ssm.__all__)
 
 
-def test_every_setting_that_notation_names_is_printed_by_show(workflow) -> None:
+def test_every_setting_that_notation_names_is_printed_by_show(workflow: Any) -> None:
     notation = (Path(__file__).parents[1] / "NOTATION.md").read_text(encoding="utf-8")
     groups = "spectral|matching|training|adaptation|groupwise|spectral_loss|spatial_loss"
     named = set(re.findall(rf"`((?:{groups})\.[\w.*]+)(?:=[^`]*)?`", notation))

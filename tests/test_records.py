@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,7 +105,7 @@ def test_a_mesh_leaves_the_callers_own_array_writable() -> None:
         (np.zeros((3, 3)), [[0, 1, -1]], "missing vertices"),
     ],
 )
-def test_a_mesh_that_is_none_names_its_case(vertices, faces, reason: str) -> None:
+def test_a_mesh_that_is_none_names_its_case(vertices: Any, faces: Any, reason: str) -> None:
     with pytest.raises(CaseError, match=f"case liver_7: .*{reason}"):
         Mesh(vertices, np.array(faces), "liver_7")
 
@@ -117,7 +118,7 @@ def test_a_mesh_that_is_none_names_its_case(vertices, faces, reason: str) -> Non
         (np.zeros((2, 2, 2), bool), [1.0, np.nan, 1], "finite positive"),
     ],
 )
-def test_a_mask_that_is_none_names_its_case(voxels, spacing, reason: str) -> None:
+def test_a_mask_that_is_none_names_its_case(voxels: Any, spacing: Any, reason: str) -> None:
     with pytest.raises(CaseError, match=f"case a: .*{reason}"):
         Mask(voxels, np.array(spacing), np.zeros(3), np.eye(3), "a")
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -14,15 +16,15 @@ from ssm_pipeline.records import Mesh
 
 
 @pytest.fixture(scope="module")
-def pair():
+def pair() -> Any:
     return basis_of(blob(1)), basis_of(blob(2))
 
 
-def triangles(basis):
+def triangles(basis: Any) -> Any:
     return Triangles(basis.vertices, basis.faces)
 
 
-def objective_of(pair, samples=3000, stiffness=6.6e-5):
+def objective_of(pair: Any, samples: Any = 3000, stiffness: Any = 6.6e-5) -> Any:
     x, y = pair
     return AdaptationObjective(
         triangles(x),
@@ -33,7 +35,7 @@ def objective_of(pair, samples=3000, stiffness=6.6e-5):
     )
 
 
-def test_objective_against_brute_force(pair) -> None:
+def test_objective_against_brute_force(pair: Any) -> None:
     objective = objective_of(pair, samples=400)
     offsets = 0.02 * np.random.default_rng(1).standard_normal(objective.vertices.shape)
     samples = objective.moved_samples(offsets)
@@ -43,7 +45,7 @@ def test_objective_against_brute_force(pair) -> None:
     assert objective.value(offsets) == pytest.approx(chamfer + 6.6e-5 * dirichlet, rel=1e-9)
 
 
-def test_gradient_against_finite_differences(pair) -> None:
+def test_gradient_against_finite_differences(pair: Any) -> None:
     objective = objective_of(pair, samples=400)
     generator = np.random.default_rng(1)
     offsets = 0.02 * generator.standard_normal(objective.vertices.shape)
@@ -66,12 +68,12 @@ def test_gauss_newton_reaches_what_vector_adam_reaches() -> None:
     assert min(values) <= reference[-1]
 
 
-def test_the_last_steps_never_raise_the_objective(pair) -> None:
+def test_the_last_steps_never_raise_the_objective(pair: Any) -> None:
     _, values = gauss_newton(objective_of(pair), steps=6)
     assert values[-1] <= values[-2] * (1 + 1e-9) <= values[-3] * (1 + 1e-6)
 
 
-def test_adapting_brings_the_surface_onto_the_case(pair) -> None:
+def test_adapting_brings_the_surface_onto_the_case(pair: Any) -> None:
     x, y = pair
     settings = AdaptationSettings(samples=8000)
     offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
@@ -82,7 +84,7 @@ def test_adapting_brings_the_surface_onto_the_case(pair) -> None:
     assert after < 0.25 * before
 
 
-def test_a_shape_on_itself_stays(pair) -> None:
+def test_a_shape_on_itself_stays(pair: Any) -> None:
     x, _ = pair
     settings = AdaptationSettings(samples=8000, steps=3)
     offsets = adapt(triangles(x), x.laplacian, triangles(x), settings, seed=0).offsets
@@ -90,7 +92,7 @@ def test_a_shape_on_itself_stays(pair) -> None:
     assert np.linalg.norm(offsets, axis=1).mean() < 0.5 * np.sqrt(1 / 8000)
 
 
-def test_a_stiff_shape_only_translates(pair) -> None:
+def test_a_stiff_shape_only_translates(pair: Any) -> None:
     x, y = pair
     settings = AdaptationSettings(samples=2000, stiffness=1e3)
     offsets = adapt(triangles(x), x.laplacian, triangles(y), settings, seed=0).offsets
@@ -115,6 +117,6 @@ def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_ver
     assert (match.nearest_vertex == brute).all()
 
 
-def test_a_network_method_needs_a_network(pair) -> None:
+def test_a_network_method_needs_a_network(pair: Any) -> None:
     with pytest.raises(ValueError, match="'full' needs a trained matcher"):
         correspond_bases(*pair, None, AdaptationSettings())

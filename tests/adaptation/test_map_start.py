@@ -1,5 +1,7 @@
 """The start from a map: known answers."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -24,22 +26,22 @@ def bar():
     return basis_of(bar_mesh(0.5), 5)
 
 
-def start_of(basis, targets, weight=MU):
+def start_of(basis: Any, targets: Any, weight: Any = MU):
     return map_start(basis.vertices, targets, basis.laplacian, basis.mass, weight)
 
 
-def test_exact_on_a_rigid_motion(basis) -> None:
+def test_exact_on_a_rigid_motion(basis: Any) -> None:
     goal = TURN.apply(basis.vertices) + np.array([0.3, 0.1, -2.0])
     np.testing.assert_allclose(start_of(basis, goal), goal, atol=1e-9)
 
 
-def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar) -> None:
+def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar: Any) -> None:
     goal = bent_bar(bar.vertices)
     off = [np.abs(start_of(bar, goal, weight) - goal).max() for weight in (30, 300, 1e7)]
     assert off[2] < 1e-3 < off[1] < off[0] < 0.03  # of a bar 1 long: its skin must stretch
 
 
-def test_targets_that_are_wildly_wrong_lose_their_weight(bar) -> None:
+def test_targets_that_are_wildly_wrong_lose_their_weight(bar: Any) -> None:
     goal = bent_bar(bar.vertices)
     exact = start_of(bar, goal)
     generator = np.random.default_rng(0)
@@ -53,7 +55,7 @@ def test_targets_that_are_wildly_wrong_lose_their_weight(bar) -> None:
     assert np.linalg.norm(wrong - goal, axis=1)[wild].mean() > 0.5
 
 
-def test_rotating_the_targets_rotates_the_start(basis) -> None:
+def test_rotating_the_targets_rotates_the_start(basis: Any) -> None:
     noise = 0.03 * np.random.default_rng(1).standard_normal(basis.vertices.shape)
     goal = basis.vertices * [1.1, 0.9, 1.0] + noise
     rotated = start_of(basis, TURN.apply(goal))
@@ -70,7 +72,7 @@ def test_two_triangulations_of_one_shape_start_alike() -> None:
     assert apart < 0.05 * moved
 
 
-def test_the_noise_of_a_map_is_smoothed(basis) -> None:
+def test_the_noise_of_a_map_is_smoothed(basis: Any) -> None:
     goal = TURN.apply(basis.vertices)
     noise = 0.03 * np.random.default_rng(1).standard_normal(goal.shape)
     off = np.linalg.norm(start_of(basis, goal + noise) - goal, axis=1).mean()

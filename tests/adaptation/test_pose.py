@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from shapes import basis_of, blob
@@ -11,7 +13,7 @@ from ssm_pipeline.training.settings import TrainingSettings
 
 
 @pytest.fixture(scope="module")
-def matcher():
+def matcher() -> Any:
     settings = TrainingSettings(
         matching=MatchingSettings(features="wks", descriptors=16, channels=16, width=16, blocks=1),
         interpolation=InterpolationSettings(width=16, blocks=1),
@@ -19,7 +21,7 @@ def matcher():
     return Matcher(Networks.new(settings, 0), settings, 0, (), 20)
 
 
-def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher) -> None:
+def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher: Any) -> None:
     template, case = basis_of(blob(1)), basis_of(blob(2))
     times = np.array([0.0, 0.5, 1.0])
     plain = pose_path(template, case, matcher, times)
@@ -29,7 +31,7 @@ def test_poses_of_a_coarse_pair_that_is_the_pair_itself_are_the_same(matcher) ->
     assert np.abs(plain[2] - template.vertices).max() > 1e-3
 
 
-def test_displacements_are_carried_from_a_coarser_template(matcher) -> None:
+def test_displacements_are_carried_from_a_coarser_template(matcher: Any) -> None:
     fine, coarse, case = basis_of(blob(1, faces=1500)), basis_of(blob(1, faces=300)), blob(2)
     goal = basis_of(case)
     posed = pose_path(fine, goal, matcher, np.ones(1), (coarse, goal))[0]

@@ -1,6 +1,7 @@
 """Adaptation from several starts: which is kept."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,12 +28,14 @@ def bases():
 
 
 @pytest.fixture(scope="module")
-def untrained(bases):
+def untrained(bases: Any):
     small = MatchingSettings(features="wks", descriptors=16, channels=8, width=16, blocks=2)
     return train_networks(bases, TrainingSettings(steps=1, matching=small), seed=0)
 
 
-def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(bases) -> None:
+def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_energy(
+    bases: Any,
+) -> None:
     basis = bases[0]
     L, x = basis.laplacian, basis.vertices
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
@@ -44,12 +47,12 @@ def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_en
     assert 0 < distortion(x, x + uneven, L) < dirichlet(uneven, L)
 
 
-def dirichlet(offset, L):
+def dirichlet(offset: Any, L: Any):
     return float((offset * (L @ offset)).sum())
 
 
 def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
-    untrained, monkeypatch: pytest.MonkeyPatch
+    untrained: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ssm_pipeline.adaptation import pose
 
@@ -70,7 +73,7 @@ def test_a_network_that_lays_the_template_across_loses_against_the_rigid_start(
 
 
 def test_where_both_starts_reach_the_case_the_rotation_of_the_map_is_kept(
-    bases, untrained, monkeypatch: pytest.MonkeyPatch
+    bases: Any, untrained: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A few percent of the cost tell nothing."""
     from ssm_pipeline.adaptation import pose, starts
@@ -91,7 +94,9 @@ def test_where_both_starts_reach_the_case_the_rotation_of_the_map_is_kept(
         assert re.search(r"turned ends at .*; rigid ends at", match.start_reason)
 
 
-def test_a_case_turned_over_is_matched_by_the_rotation_of_the_map(bases, untrained) -> None:
+def test_a_case_turned_over_is_matched_by_the_rotation_of_the_map(
+    bases: Any, untrained: Any
+) -> None:
     """Rigid alignment by closest points leaves it the wrong way round."""
     template = bases[0]
     case = basis_of(Mesh(template.vertices * [-1, -1, 1], template.faces, "turned"))
@@ -108,7 +113,7 @@ def bars():
     return basis_of(straight), basis_of(bent)
 
 
-def test_a_map_that_bends_the_template_gives_its_pose_and_refuses_rigid_starts(bars) -> None:
+def test_a_map_that_bends_the_template_gives_its_pose_and_refuses_rigid_starts(bars: Any) -> None:
     template, case = bars
 
     def exact(pose: np.ndarray) -> np.ndarray:
@@ -126,7 +131,7 @@ def test_a_map_that_bends_the_template_gives_its_pose_and_refuses_rigid_starts(b
     assert "rigid ends at" in kept.why
 
 
-def test_each_further_weight_makes_a_round_from_the_pose_before(bars) -> None:
+def test_each_further_weight_makes_a_round_from_the_pose_before(bars: Any) -> None:
     template, case = bars
     given: list[np.ndarray] = []
 
@@ -146,7 +151,7 @@ def test_each_further_weight_makes_a_round_from_the_pose_before(bars) -> None:
     assert len(given) == 1  # a rotation needs no refinement
 
 
-def test_a_doubtful_map_that_tears_the_template_loses_against_the_rigid_start(bars) -> None:
+def test_a_doubtful_map_that_tears_the_template_loses_against_the_rigid_start(bars: Any) -> None:
     template, _ = bars
     wrong = template.vertices[np.random.default_rng(0).permutation(len(template.vertices))]
     settings = SETTINGS.model_copy(update={"rigid_below": 0.0})
@@ -156,7 +161,7 @@ def test_a_doubtful_map_that_tears_the_template_loses_against_the_rigid_start(ba
     assert np.linalg.norm(posed - template.vertices, axis=1).mean() < 0.02
 
 
-def test_the_papers_start_alone_is_a_setting(bases, untrained) -> None:
+def test_the_papers_start_alone_is_a_setting(bases: Any, untrained: Any) -> None:
     paper = SETTINGS.model_copy(update={"starts": "network"})
     full = correspond_bases(bases[0], bases[1], untrained, paper)
     network = correspond_bases(bases[0], bases[1], untrained, SETTINGS, "network start")

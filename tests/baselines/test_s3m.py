@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def organ(stretch: float, case_id: str) -> Mesh:
 
 
 def run_s3m(
-    meshes: list[Mesh], settings: S3MSettings, seed: int, on_progress=None
+    meshes: list[Mesh], settings: S3MSettings, seed: int, on_progress: Any = None
 ) -> tuple[S3MMatch, list[float]]:
     """Both halves: what came of it, and the loss of each epoch."""
     progress = on_progress or ignore
@@ -117,7 +118,7 @@ def test_every_epoch_draws_its_own_samples_and_pairs(monkeypatch: pytest.MonkeyP
     drawn: list[tuple[int, ...]] = []
     original = epochs.drawn_sample
 
-    def spy(*arguments):
+    def spy(*arguments: Any) -> Any:
         sample = original(*arguments)
         drawn.append(tuple(sample.vertices))
         return sample

@@ -138,7 +138,7 @@ def test_case_ids_of_digits_stay_text(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(storage.read_table(tmp_path / "pairs.csv"), table)
 
 
-def test_landmarks_of_mirrored_cases_are_mirrored(tmp_path: Path):
+def test_landmarks_of_mirrored_cases_are_mirrored(tmp_path: Path) -> None:
     """The mesh of a right case is the mirror image of its scan, on which the landmarks lie."""
     corners = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -39,7 +39,7 @@ def shrunk(inputs: ComparisonInputs, learned: producers.Learned, method: Method)
 
 def test_an_entry_and_a_producer_reach_tables_files_and_page(
     tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     new = Method("shrunk, by 5 %", "the full method's shapes, made smaller", "shrunk")  # type: ignore[arg-type]
     monkeypatch.setattr(methods, "METHODS", (*METHODS, new))
     monkeypatch.setitem(producers.PRODUCERS, "shrunk", shrunk)
@@ -62,7 +62,7 @@ def test_an_entry_and_a_producer_reach_tables_files_and_page(
     assert re.search(row, page)  # "no": it uses no network
 
 
-def test_an_entry_alone_is_matched_by_its_fields(monkeypatch: pytest.MonkeyPatch):
+def test_an_entry_alone_is_matched_by_its_fields(monkeypatch: pytest.MonkeyPatch) -> None:
     new = Method("centred", "the template as it lies", "pair", start="as scanned")
     case, template = basis_of(blob(1, faces=200)), basis_of(blob(2, faces=200))
     with pytest.raises(StudyError, match="there is no method 'centred'"):
@@ -72,7 +72,7 @@ def test_an_entry_alone_is_matched_by_its_fields(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_array_equal(match.fitted, case.frame.apply(template.vertices))
 
 
-def test_names_and_folders_are_unique():
+def test_names_and_folders_are_unique() -> None:
     names = [method.id for method in METHODS]
     assert len(set(names)) == len(names)
     assert len({method.folder for method in METHODS}) == len(names)
@@ -80,7 +80,7 @@ def test_names_and_folders_are_unique():
     assert {method.kind for method in METHODS} == set(producers.PRODUCERS)
 
 
-def test_an_unknown_name_is_refused_with_the_nearest_one():
+def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(
         ValueError, match=r"no method 'S3N': full, .*S3M tuned\. Did you mean S3M\?"
     ):

@@ -84,7 +84,7 @@ def key_of_scores(inputs: ComparisonInputs, score: Callable[[ComparisonInputs], 
     return keys[0]
 
 
-def test_scores_are_made_again_for_all_that_they_depend_on(inputs: ComparisonInputs):
+def test_scores_are_made_again_for_all_that_they_depend_on(inputs: ComparisonInputs) -> None:
     def key(changed: ComparisonInputs, shapes: CorrespondedShapes = SHAPES) -> str:
         matched = MatchedCohort(shapes, None)
         return key_of_scores(changed, lambda given: method_scores(given, "full", matched))
@@ -105,7 +105,9 @@ def test_scores_are_made_again_for_all_that_they_depend_on(inputs: ComparisonInp
     assert key(dataclasses.replace(inputs, jobs=2, folder=Path("elsewhere"))) == own
 
 
-def test_scores_of_a_fold_are_made_again_for_all_that_they_depend_on(inputs: ComparisonInputs):
+def test_scores_of_a_fold_are_made_again_for_all_that_they_depend_on(
+    inputs: ComparisonInputs,
+) -> None:
     def key(
         changed: ComparisonInputs,
         held_out: Sequence[int] = (0,),

@@ -65,7 +65,7 @@ def test_equal_labels_and_perfect_matches_disagree_nowhere() -> None:
 
 
 @pytest.mark.parametrize("shift", [0.5, 2.0, 7.0])
-def test_a_border_elsewhere_is_misplaced_by_as_much(shift) -> None:
+def test_a_border_elsewhere_is_misplaced_by_as_much(shift: float) -> None:
     table = scored([30.0, 30.0 + shift])
     vertices, faces = cylinder()
     band = 2 * np.pi * RADIUS * shift / area(vertices, faces)

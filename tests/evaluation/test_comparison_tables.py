@@ -11,7 +11,7 @@ from ssm_pipeline.evaluation.paired import PairedDifference
 
 def test_p_values_of_unseen_cases_are_corrected_for_the_number_of_methods(
     monkeypatch: pytest.MonkeyPatch,
-):
+) -> None:
     """Holm by hand: the smaller p counts twice, and the other is at least as large."""
     raw = iter([0.03, 0.04])
     monkeypatch.setattr(

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from synthetic_shapes import sphere
@@ -8,7 +10,7 @@ from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.records import CorrespondedShapes, Mesh
 
 
-def quality(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh, reference: np.ndarray):
+def quality(vertices: np.ndarray, faces: np.ndarray, mesh: Mesh, reference: np.ndarray) -> Any:
     shapes = CorrespondedShapes(
         np.stack([vertices, 2 * reference - vertices]), faces, ("a", "b"), "a"
     )  # their mean is the reference

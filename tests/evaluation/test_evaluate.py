@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,16 +21,16 @@ SETTINGS = EvaluationSettings(
 
 
 @pytest.fixture(scope="module")
-def cohort():
+def cohort() -> Any:
     return wavy_cohort(5)
 
 
 @pytest.fixture(scope="module")
-def scored(cohort):
+def scored(cohort: Any) -> Any:
     return evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7))
 
 
-def test_all_tables_with_method_and_seed(scored) -> None:
+def test_all_tables_with_method_and_seed(scored: Any) -> None:
     assert set(scored.tables) == {
         "compactness",
         "generalisation",
@@ -49,14 +51,16 @@ def test_all_tables_with_method_and_seed(scored) -> None:
     assert scored.tables["specificity"]["modes"].max() == 4
 
 
-def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(cohort, scored) -> None:
+def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(
+    cohort: Any, scored: Any
+) -> None:
     shapes, meshes = cohort
     again = evaluate_method("ours", shapes, meshes[::-1], Scoring(SETTINGS, seed=7, jobs=2))
     for name, table in scored.tables.items():
         pd.testing.assert_frame_equal(table, again.tables[name])
 
 
-def test_a_thinned_curve_can_still_be_compared(cohort) -> None:
+def test_a_thinned_curve_can_still_be_compared(cohort: Any) -> None:
     """Generalisation has a mode fewer than specificity: two even choices of numbers don't meet."""
     settings = SETTINGS.model_copy(update={"mode_counts": 2, "samples": 5, "surface_samples": 2})
     metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
@@ -66,7 +70,7 @@ def test_a_thinned_curve_can_still_be_compared(cohort) -> None:
     assert table["modes"].item() == 3
 
 
-def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort) -> None:
+def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort: Any) -> None:
     shapes, _ = cohort
     blown_up = shapes.vertices + 3 * (shapes.vertices - shapes.vertices.mean(axis=1)[:, None]) / 50
     metrics = evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7), fitted=blown_up)
@@ -75,7 +79,7 @@ def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort) ->
     assert (fits["fitted_surface_mm"] > 1).all()
 
 
-def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort) -> None:
+def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort: Any) -> None:
     settings = SETTINGS.model_copy(
         update={"mode_counts": 1, "jackknife_samples": 0, "fit_surfaces": False}
     )
@@ -86,7 +90,7 @@ def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort) -> None:
     assert {"specificity_jackknife", "surface_fits"}.isdisjoint(metrics.tables)
 
 
-def test_a_case_is_nearest_to_the_one_most_like_it(cohort) -> None:
+def test_a_case_is_nearest_to_the_one_most_like_it(cohort: Any) -> None:
     _, meshes = cohort
     near = Mesh(meshes[0].vertices + 0.5, meshes[0].faces, "near")
     generator = np.random.default_rng(0)
@@ -110,7 +114,7 @@ def test_of_many_cases_some_are_asked_and_compared_in_full_with_the_nearest(
     pd.testing.assert_frame_equal(some, in_full.iloc[[0, 5, 9, 14]].reset_index(drop=True))
 
 
-def test_a_patients_twin_is_unknown_to_the_model():
+def test_a_patients_twin_is_unknown_to_the_model() -> None:
     """Left and right of a patient are nearly equal: what the model of the others cannot explain."""
     shapes, meshes = wavy_cohort(5)
     twins = shapes.vertices + 0.05
@@ -135,7 +139,7 @@ def test_a_patients_twin_is_unknown_to_the_model():
     assert set(metrics.tables["specificity_jackknife"]["left_out"]) == set(shapes.case_ids)
 
 
-def test_a_model_is_fitted_to_a_case_that_it_does_not_know():
+def test_a_model_is_fitted_to_a_case_that_it_does_not_know() -> None:
     """What of a case lies outside the others' span stays between its surface and the fit."""
     shapes, _ = wavy_cohort(6, modes=2)
     directions = shapes.vertices[0] - shapes.vertices[0].mean(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,9 @@ def true_map(x: Mesh, y: Mesh) -> np.ndarray:
     return np.asarray((directions[1] @ directions[0].T).argmax(axis=1))
 
 
-def run(meshes, orders, predict, with_self_pairs=False, **options) -> MatchingBenchmark:
+def run(
+    meshes: Any, orders: Any, predict: Any, with_self_pairs: Any = False, **options: Any
+) -> MatchingBenchmark:
     shapes = MatchingSet(tuple(meshes), tuple(orders))
     known = shapes.known_pairs(range(len(meshes)), with_self_pairs)
     return run_matching_benchmark(meshes, known, predict, distances, "balls", "m", **options)

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from synthetic_shapes import sphere
@@ -13,12 +15,12 @@ from ssm_pipeline.geometry.surface import area
 
 
 @pytest.fixture(scope="module")
-def unit_sphere():
+def unit_sphere() -> Any:
     vertices, faces = sphere(3)
     return vertices, faces, geodesic_matrix(vertices, faces)
 
 
-def test_identity_has_no_error(unit_sphere) -> None:
+def test_identity_has_no_error(unit_sphere: Any) -> None:
     vertices, faces, distances = unit_sphere
     truth = np.arange(len(vertices))
     errors = geodesic_errors(truth, truth, distances, area(vertices, faces))
@@ -27,7 +29,7 @@ def test_identity_has_no_error(unit_sphere) -> None:
     assert pck_curve(errors)["share"].eq(1).all()
 
 
-def test_random_map_scores_as_chance(unit_sphere) -> None:
+def test_random_map_scores_as_chance(unit_sphere: Any) -> None:
     # Two random points on the unit sphere: mean distance π/2, over √(4π) 0.443; a cap of angle θ
     # holds (1 − cos θ)/2 of the sphere.
     vertices, faces, distances = unit_sphere
@@ -45,7 +47,7 @@ def test_random_map_scores_as_chance(unit_sphere) -> None:
     assert np.abs(curve["share"] - expected).max() < 0.05
 
 
-def test_errors_do_not_depend_on_size(unit_sphere) -> None:
+def test_errors_do_not_depend_on_size(unit_sphere: Any) -> None:
     vertices, faces, distances = unit_sphere
     predicted, truth = np.random.default_rng(0).integers(len(vertices), size=(2, 50))
     small = geodesic_errors(predicted, truth, distances, area(vertices, faces))
@@ -60,7 +62,7 @@ def test_curve_of_known_errors() -> None:
     assert area_under_curve(errors, 0.1) == pytest.approx((0.1 + 0.08 + 0.05 + 0) / 4 / 0.1)
 
 
-def test_conformal_distortion_of_known_maps(unit_sphere) -> None:
+def test_conformal_distortion_of_known_maps(unit_sphere: Any) -> None:
     vertices, faces, _ = unit_sphere
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     assert conformal_distortion(vertices, 3 * vertices @ rotation.T, faces) == pytest.approx(2)

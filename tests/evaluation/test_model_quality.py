@@ -206,7 +206,7 @@ def test_a_patients_cases_are_held_out_together() -> None:
         held_out_folds(4, 0, 0, ["a", "a", "a", "b"])
 
 
-def test_no_mean_is_over_fewer_cases_than_its_neighbours():
+def test_no_mean_is_over_fewer_cases_than_its_neighbours() -> None:
     """A model with both copies of a case has a mode less than one without them."""
     shapes, meshes = wavy_cohort(5)
     vertices = np.concatenate([shapes.vertices, shapes.vertices[:1]])

@@ -115,7 +115,7 @@ def test_models_without_each_case_do_not_look_at_its_mesh() -> None:
     assert moved["surface_mm"][last].tolist() == table["surface_mm"][last].tolist()
 
 
-def test_models_without_each_case_do_not_know_its_shape():
+def test_models_without_each_case_do_not_know_its_shape() -> None:
     """The last case as a monster would change every draw of a model that knows it."""
     shapes, meshes = wavy_cohort(6, subdivisions=2)
     aligned = align(shapes)[0]
@@ -137,7 +137,7 @@ def test_models_without_each_case_do_not_know_its_shape():
     assert not np.isclose(one[~last], other[~last], rtol=1e-2).any()
 
 
-def test_models_without_a_case_are_aligned_again():
+def test_models_without_a_case_are_aligned_again() -> None:
     """Shapes that lie anywhere give the numbers of aligned ones: a model aligns its own cases."""
     shapes, meshes = wavy_cohort(6, subdivisions=2)
     settings = EvaluationSettings(points=100, jackknife_samples=6, screening_points=400)
@@ -164,7 +164,7 @@ def test_models_without_a_case_are_aligned_again():
         np.testing.assert_allclose(found[0], found[1], rtol=0.05)
 
 
-def test_an_interval_of_few_cases_has_their_degrees_of_freedom():
+def test_an_interval_of_few_cases_has_their_degrees_of_freedom() -> None:
     """Draws without noise, four cases: the interval is Student's with three degrees of freedom."""
     left_out = [1.0, 1.3, 0.8, 1.1]
     rows = [
@@ -181,12 +181,12 @@ def test_an_interval_of_few_cases_has_their_degrees_of_freedom():
     assert found.p == pytest.approx(2 * stats.t.sf(2.0 / error, 3))
 
 
-def test_holm_is_that_of_statsmodels():
+def test_holm_is_that_of_statsmodels() -> None:
     p = np.random.default_rng(0).uniform(0, 0.2, 9)
     np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])
 
 
-def test_seen_and_unseen_are_the_nearest_of_equally_many():
+def test_seen_and_unseen_are_the_nearest_of_equally_many() -> None:
     """The kept meshes are copies, one near and five far: of as many as held out, rarely the near
     one is drawn, so the seen distance is that to the far ones in some seeds."""
     shapes, _ = wavy_cohort(8, subdivisions=2)

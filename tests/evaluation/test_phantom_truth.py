@@ -113,7 +113,7 @@ def test_what_is_out_of_view_is_not_scored() -> None:
 
 
 @pytest.mark.parametrize(("flattened", "kept"), [(1.0, 1.0), (0.5, 0.25), (1.2, 1.44)])
-def test_variance_kept_of_a_flattened_cohort(flattened, kept) -> None:
+def test_variance_kept_of_a_flattened_cohort(flattened: float, kept: float) -> None:
     # Deviations from the mean times f: variances times f².
     truth = phantom((2.0,), count=6)
     upright = truth.mean + np.tensordot(truth.scores, truth.modes, axes=1)
@@ -126,7 +126,7 @@ def test_variance_kept_of_a_flattened_cohort(flattened, kept) -> None:
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.2, 1.0])
-def test_a_known_slip_over_the_surface(angle) -> None:
+def test_a_known_slip_over_the_surface(angle: float) -> None:
     # Without deformation all cases are the sphere; matches turned about an axis of its own by α
     # are wrong by 2 r asin(sin θ sin(α/2)).
     truth = phantom((0.0,), count=3)

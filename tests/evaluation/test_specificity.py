@@ -163,7 +163,7 @@ def test_points_are_even_and_move_with_the_shape() -> None:
     assert middle == pytest.approx((points.on(first) + points.on(second)) / 2)
 
 
-def test_both_distances_are_to_the_same_mesh():
+def test_both_distances_are_to_the_same_mesh() -> None:
     """The nearest mesh on average has the larger HD95: one of its corners is far away."""
     shape = speckles(lattice(4), "shape")
     spike, apart = shape.vertices.copy(), shape.vertices + np.array([0, 0, 5.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -80,7 +81,7 @@ def test_parts_are_made_from_runs_and_say_how(
 ) -> None:
     asked = []
 
-    def run_study(name, settings, options, terminal):
+    def run_study(name: Any, settings: Any, options: Any, terminal: Any) -> Any:
         asked.append((name, settings.evaluation.folds, options.runs))
         return tiny_run
 
@@ -134,7 +135,7 @@ def test_spread_repeats_the_study_with_seeds_and_templates(
 ) -> None:
     asked = []
 
-    def run_study(name, settings, options, terminal):
+    def run_study(name: Any, settings: Any, options: Any, terminal: Any) -> Any:
         asked.append((name, settings.seed, settings.template))
         return tiny_run
 

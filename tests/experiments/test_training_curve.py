@@ -1,6 +1,7 @@
 """`workflow benchmark training`: one run, its training changed."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tiny_study import tiny_settings
@@ -17,7 +18,7 @@ def test_a_row_per_schedule_and_method_with_one_template(
 ) -> None:
     asked = []
 
-    def run_study(name, settings, options, terminal):
+    def run_study(name: Any, settings: Any, options: Any, terminal: Any) -> Any:
         training = settings.training
         asked.append((name, training.start, training.steps, training.patience, settings.template))
         return tiny_run

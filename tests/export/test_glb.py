@@ -35,7 +35,7 @@ def read(gltf: pygltflib.GLTF2, accessor_index: int) -> np.ndarray:
     return values.reshape(-1, 3) if accessor.type == "VEC3" else values
 
 
-def test_targets_are_the_modes_at_one_standard_deviation(model, tmp_path: Path) -> None:
+def test_targets_are_the_modes_at_one_standard_deviation(model: ShapeModel, tmp_path: Path) -> None:
     write_glb(model, tmp_path / "model.glb")
     gltf = pygltflib.GLTF2().load(str(tmp_path / "model.glb"))
     mesh = gltf.meshes[0]
@@ -55,7 +55,7 @@ def test_targets_are_the_modes_at_one_standard_deviation(model, tmp_path: Path) 
         np.testing.assert_allclose(gltf.accessors[index].max, read(gltf, index).max(axis=0))
 
 
-def test_other_programs_see_the_organ_upright_in_metres(model, tmp_path: Path) -> None:
+def test_other_programs_see_the_organ_upright_in_metres(model: ShapeModel, tmp_path: Path) -> None:
     mean = model.mean.copy()
     mean[0] += (0, 0, 25.0)  # a bump to the head end
     model = dataclasses.replace(model, mean=mean)
@@ -71,7 +71,7 @@ def test_other_programs_see_the_organ_upright_in_metres(model, tmp_path: Path) -
     assert loaded.volume == pytest.approx(inside * 1e-9, rel=1e-5)  # and not inside out
 
 
-def test_as_many_modes_as_asked(model) -> None:
+def test_as_many_modes_as_asked(model: ShapeModel) -> None:
     gltf = pygltflib.GLTF2.load_from_bytes(glb_bytes(model, 2))
     assert len(gltf.meshes[0].primitives[0].targets) == 2
     with pytest.raises(ValueError, match="99 modes asked"):

@@ -73,7 +73,7 @@ SCALED = (BASIS * [3.0, 2.0]).astype(np.float32)  # by standard deviations, as v
         {**NO_VERSION, "model__pcaBasis": SCALED},
     ],
 )
-def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, changes) -> None:
+def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, changes: Any) -> None:
     model = read_statismo(written(tmp_path / "a.h5", **changes))
     np.testing.assert_allclose(model.variances, [9, 4], rtol=1e-6)
     np.testing.assert_allclose(model.modes.reshape(2, -1).T, BASIS, atol=1e-6)
@@ -88,7 +88,7 @@ def test_version_and_lengths_of_the_basis_tell_the_variances(tmp_path: Path, cha
     ],
 )
 def test_version_and_lengths_that_contradict_each_other_are_refused(
-    tmp_path: Path, changes, message
+    tmp_path: Path, changes: Any, message: str
 ) -> None:
     with pytest.raises(StudyError, match=message):
         read_statismo(written(tmp_path / "a.h5", **changes))
@@ -196,7 +196,7 @@ def test_scores_and_cases_are_read_where_they_are(tmp_path: Path) -> None:
         ({"model__mean": "text"}, "model/mean"),
     ],
 )
-def test_a_broken_file_says_what_is_wrong(tmp_path: Path, changes, message) -> None:
+def test_a_broken_file_says_what_is_wrong(tmp_path: Path, changes: Any, message: str) -> None:
     with pytest.raises(StudyError, match=message):
         read_statismo(written(tmp_path / "broken.h5", **changes))
 

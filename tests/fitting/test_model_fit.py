@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from cohorts import TURN, bumpy_cohort, finer
@@ -16,11 +18,11 @@ TRUTH = [1.2, -0.8, 0.5]
 
 
 @pytest.fixture(scope="module")
-def model():
+def model() -> Any:
     return pca_model(align(bumpy_cohort(12))[0])
 
 
-def test_an_instance_is_found_again_wherever_it_lies(model) -> None:
+def test_an_instance_is_found_again_wherever_it_lies(model: Any) -> None:
     points = TURN.apply(model.reconstruct(TRUTH))
     found = fit_model(model, finer(Mesh(points, model.faces, "new")))
     assert found.distances_mm.mean() < 0.05
@@ -33,14 +35,14 @@ def test_an_instance_is_found_again_wherever_it_lies(model) -> None:
     )
 
 
-def test_size_is_found_where_the_pose_has_one(model) -> None:
+def test_size_is_found_where_the_pose_has_one(model: Any) -> None:
     pose = Similarity(1.2, TURN.rotation, TURN.translation)
     surface = Mesh(pose.apply(model.reconstruct(TRUTH)), model.faces, "large")
     assert fit_model(model, surface, with_scale=True).frame.scale == pytest.approx(1.2, rel=0.01)
     assert fit_model(model, surface).frame.scale == 1.0
 
 
-def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model) -> None:
+def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model: Any) -> None:
     """Over many surfaces with a smooth error that no mode makes, the scores' errors are about as
     large as the posterior says: the points' number alone would say ten times less."""
     generator = np.random.default_rng(5)
@@ -57,7 +59,7 @@ def test_scores_lie_within_their_stated_errors_when_the_surface_is_rough(model) 
     assert 0.3 < np.median(np.abs(z)) < 1.6
 
 
-def test_what_was_cut_off_is_not_held_against_the_model(model) -> None:
+def test_what_was_cut_off_is_not_held_against_the_model(model: Any) -> None:
     whole = finer(Mesh(TURN.apply(model.reconstruct(TRUTH)), model.faces, "cut"))
     height = whole.vertices[:, 2]
     top = height > height.max() - np.ptp(height) / 3
@@ -71,14 +73,14 @@ def test_what_was_cut_off_is_not_held_against_the_model(model) -> None:
     assert error[~found.observed].mean() < 1.0
 
 
-def test_matched_points_give_the_same_scores_at_once(model) -> None:
+def test_matched_points_give_the_same_scores_at_once(model: Any) -> None:
     points = TURN.apply(model.reconstruct(TRUTH))
     found = fit_points(model, points, Mesh(points, model.faces, "new"))
     np.testing.assert_allclose(found.scores[:3], TRUTH, atol=1e-3)
     np.testing.assert_allclose(found.vertices, points, atol=1e-2)
 
 
-def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model) -> None:
+def test_a_matched_case_with_noise_is_drawn_towards_the_mean(model: Any) -> None:
     generator = np.random.default_rng(0)
     exact = model.reconstruct([2.0, 0.0, 0.0])
     noisy = exact + 5.0 * generator.standard_normal(exact.shape)
@@ -96,7 +98,7 @@ def test_a_surface_that_looks_inward_is_refused_by_name() -> None:
         fit_model(model, inward)
 
 
-def test_points_of_the_model_beyond_a_cut_are_not_compared(model):
+def test_points_of_the_model_beyond_a_cut_are_not_compared(model: Any) -> None:
     """The nearest point of the cut's border is not where they should be."""
     whole = finer(Mesh(model.mean, model.faces, "cut"))
     half = whole.vertices[:, 2] > whole.vertices[:, 2].mean()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ from ssm_pipeline.shape_model.pca import pca_model
 
 
 @pytest.fixture(scope="module")
-def cohort():
+def cohort() -> Any:
     """Ten cases of a rough cohort, two more of the same, and the cross-validation of the ten."""
     shapes = bumpy_cohort(12, seed=3, rough_mm=0.8)
     kept = shapes.subset(range(10))
@@ -43,12 +44,12 @@ def cohort():
     return Yardstick(pca_model(align(kept)[0]), kept, surfaces_of(kept), reference), new
 
 
-def flags_of(cohort, surface):
+def flags_of(cohort: Any, surface: Any) -> Any:
     report = fit_patient(cohort[0], surface)
     return [flag.split(":")[0] for flag in report.typicality.flags]
 
 
-def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort) -> None:
+def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort: Any) -> None:
     yardstick, new = cohort
     surface = Mesh(TURN.apply(new[0].vertices), new[0].faces, "new")
     report = fit_patient(yardstick, surface)
@@ -62,7 +63,7 @@ def test_a_new_case_of_the_kind_is_fitted_and_not_flagged(cohort) -> None:
     assert report.typicality.residual.threshold > yardstick.reference.residual_mm.max()
 
 
-def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort) -> None:
+def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort: Any) -> None:
     yardstick, new = cohort
     matched = new[1].vertices[: len(yardstick.model.mean)]
     report = fit_patient(yardstick, new[1], matched=matched)
@@ -71,7 +72,7 @@ def test_by_matched_points_the_reconstruction_is_the_same_shape(cohort) -> None:
     assert np.linalg.norm(report.vertices - own.vertices, axis=1).mean() < 2.0
 
 
-def test_upside_down_mirrored_and_other_things_are_flagged(cohort) -> None:
+def test_upside_down_mirrored_and_other_things_are_flagged(cohort: Any) -> None:
     new = cohort[1][0]
     down = Mesh(new.vertices * [1.0, -1.0, -1.0] + [0, 0, 500.0], new.faces, "down")
     assert flags_of(cohort, down) == ["turned"]
@@ -82,7 +83,7 @@ def test_upside_down_mirrored_and_other_things_are_flagged(cohort) -> None:
     assert flags_of(cohort, ball)
 
 
-def test_a_part_is_completed_with_intervals_that_hold(cohort) -> None:
+def test_a_part_is_completed_with_intervals_that_hold(cohort: Any) -> None:
     yardstick, new = cohort
     covered = []
     for whole in new:
@@ -135,7 +136,7 @@ def test_a_cut_case_keeps_the_part_that_was_seen() -> None:
     assert cut_as_observed(mesh, matched, np.ones(len(matched.vertices), bool)) is mesh
 
 
-def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort) -> None:
+def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort: Any) -> None:
     shapes, reference = cohort[0].shapes, cohort[0].reference
     model, _ = model_without(shapes, 3, False, shapes.case_ids)
     assert shapes.case_ids[3] not in model.case_ids
@@ -144,7 +145,7 @@ def test_each_case_is_fitted_by_a_model_that_does_not_know_it(cohort) -> None:
     assert reference.turned_deg.max() < 10
 
 
-def test_the_cross_validation_is_stored_and_read_again(cohort, tmp_path: Path) -> None:
+def test_the_cross_validation_is_stored_and_read_again(cohort: Any, tmp_path: Path) -> None:
     reference = cohort[0].reference
     storage.save(reference, tmp_path / "reference.npz")
     again = storage.load(CrossValidation, tmp_path / "reference.npz")
@@ -190,7 +191,7 @@ def test_one_in_a_hundred_of_the_kind_is_flagged() -> None:
     assert tail_of(judged.threshold, draws[0, 1:]).tail == pytest.approx(TAIL)
 
 
-def test_a_child_is_flagged_by_a_model_without_size(cohort) -> None:
+def test_a_child_is_flagged_by_a_model_without_size(cohort: Any) -> None:
     """Residual and shape are those of any other, so that nothing but the size could tell."""
     reference = cohort[0].reference
     sizes = np.exp(np.random.default_rng(0).normal(0, 0.1, len(reference.size)))
@@ -208,7 +209,7 @@ def test_score_inflation_undoes_a_wrong_standard_deviation() -> None:
     assert score_inflation(z / 10) == 1.0
 
 
-def test_a_copy_in_the_cohort_does_not_raise_the_threshold():
+def test_a_copy_in_the_cohort_does_not_raise_the_threshold() -> None:
     """By a model that holds its copy, a case is fitted at once: such a residual sets nothing."""
     generator = np.random.default_rng(0)
     residuals = np.exp(generator.normal(-0.8, 0.2, 12))
@@ -223,8 +224,8 @@ def test_a_copy_in_the_cohort_does_not_raise_the_threshold():
 
 
 def test_intervals_of_scores_are_widened_by_the_cross_validated_errors(
-    cohort, monkeypatch: pytest.MonkeyPatch
-):
+    cohort: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     yardstick, new = cohort
     fitted = fit_model(yardstick.model, new[0], points=200, steps=8)
     monkeypatch.setattr(patient, "best_fit", lambda *_: (fitted, 0.0, 2.0))
@@ -236,7 +237,9 @@ def test_intervals_of_scores_are_widened_by_the_cross_validated_errors(
     np.testing.assert_allclose(half, 2.0 * norm.isf(0.025) * fitted.score_sd, rtol=0.01)
 
 
-def test_a_part_is_judged_without_the_patients_other_cases(cohort, monkeypatch: pytest.MonkeyPatch):
+def test_a_part_is_judged_without_the_patients_other_cases(
+    cohort: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The cut cases are fitted by models without the cases of their patient, too."""
     yardstick, new = cohort
     whole = fit_model(yardstick.model, new[0], points=200, steps=8)
@@ -245,7 +248,7 @@ def test_a_part_is_judged_without_the_patients_other_cases(cohort, monkeypatch: 
     held_together = [f"p{number // 2}" for number in range(10)]
     models: list[list[str]] = []
 
-    def without(shapes, index, with_scale, patients):
+    def without(shapes: Any, index: Any, with_scale: Any, patients: Any) -> Any:
         models.append([patients[index], *(p for p in patients if p != patients[index])])
         return model_without(shapes, index, with_scale, patients)
 

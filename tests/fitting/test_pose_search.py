@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from cohorts import TURN, bumpy_cohort
@@ -24,26 +26,26 @@ from ssm_pipeline.shape_model.pca import pca_model
 
 
 @pytest.fixture(scope="module")
-def model():
+def model() -> Any:
     return pca_model(align(bumpy_cohort(8))[0])
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_an_organ_upside_down_is_found_so(model, axis) -> None:
+def test_an_organ_upside_down_is_found_so(model: Any, axis: str) -> None:
     half_turn = Rotation.from_euler(axis, np.pi).as_matrix()
     first, other = start_poses(model, Mesh(model.mean @ half_turn.T + 50, model.faces, "turned"))
     assert other.error_mm < 0.7 * first.error_mm
     assert turned_deg(other.frame) > 170
 
 
-def test_how_the_cases_lie_comes_first(model) -> None:
+def test_how_the_cases_lie_comes_first(model: Any) -> None:
     upright = Rotation.from_euler("x", 120, degrees=True).as_matrix()
     surface = Mesh(model.mean @ upright.T + 40, model.faces, "lying")
     first = start_poses(model, surface, upright)[0]
     assert turned_deg(Similarity(1.0, upright.T @ first.frame.rotation, np.zeros(3))) < 10
 
 
-def test_a_mirror_image_is_outward_and_its_own_mirror_image(model) -> None:
+def test_a_mirror_image_is_outward_and_its_own_mirror_image(model: Any) -> None:
     mesh = Mesh(TURN.apply(model.mean), model.faces, "a")
     image = mirrored(mesh)
     assert volume(image.vertices, image.faces) == pytest.approx(volume(mesh.vertices, mesh.faces))
@@ -73,7 +75,7 @@ def ball_in_a_short_image(slices: int) -> Mask:
 
 
 @pytest.mark.parametrize(("slices", "holes"), [(48, 0), (30, 1)])
-def test_the_cap_where_the_image_ends_is_taken_off(slices, holes) -> None:
+def test_the_cap_where_the_image_ends_is_taken_off(slices: int, holes: int) -> None:
     mask = ball_in_a_short_image(slices)
     mesh, _ = mesh_with_quality(mask, MeshingSettings(faces=1500))
     opened = opened_at_image_border(mesh, mask, margin_mm=4.0)

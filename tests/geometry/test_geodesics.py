@@ -1,3 +1,5 @@
+from typing import Any
+
 import igl
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from ssm_pipeline.geometry.geodesics import (
 
 
 @pytest.fixture(scope="module")
-def sphere():
+def sphere() -> Any:
     mesh = trimesh.creation.icosphere(3, radius=1)
     return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
 
@@ -29,7 +31,7 @@ def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.concatenate([lower, upper])
 
 
-def test_sphere_matches_great_circles(sphere) -> None:
+def test_sphere_matches_great_circles(sphere: Any) -> None:
     vertices, faces = sphere
     matrix = geodesic_matrix(vertices, faces)
     truth = np.arccos(np.clip(vertices @ vertices.T, -1, 1))
@@ -44,7 +46,7 @@ def test_sphere_matches_great_circles(sphere) -> None:
 
 
 @pytest.mark.parametrize("waist", [1.0, 0.3])
-def test_never_shorter_than_the_exact_geodesic(sphere, waist) -> None:
+def test_never_shorter_than_the_exact_geodesic(sphere: Any, waist: float) -> None:
     # With a waist the surface has saddles: a line that leaves its strip would be too short there.
     vertices, faces = sphere
     waisted = waist + (1 - waist) * vertices[:, 1:2] ** 2
@@ -70,7 +72,7 @@ def test_flat_neighbours_are_exact_and_far_points_close() -> None:
     assert (np.abs(found - truth)[~near] / truth[~near]).max() < 0.03
 
 
-def test_more_strips_see_more_vertices(sphere) -> None:
+def test_more_strips_see_more_vertices(sphere: Any) -> None:
     vertices, faces = sphere
     degrees = [straight_line_graph(vertices, faces, strips).nnz for strips in (0, 2, 4)]
     assert degrees[0] == 2 * len(
@@ -79,7 +81,7 @@ def test_more_strips_see_more_vertices(sphere) -> None:
     assert degrees[0] < degrees[1] < degrees[2]
 
 
-def test_does_not_depend_on_pose_or_numbering(sphere) -> None:
+def test_does_not_depend_on_pose_or_numbering(sphere: Any) -> None:
     vertices, faces = sphere
     stretched = vertices * [1.0, 2.0, 0.4]
     generator = np.random.default_rng(0)
@@ -94,7 +96,7 @@ def test_does_not_depend_on_pose_or_numbering(sphere) -> None:
     assert np.abs(after - before[:, order]).max() < 0.01
 
 
-def test_other_component_and_limit(sphere) -> None:
+def test_other_component_and_limit(sphere: Any) -> None:
     vertices, faces = sphere
     two = np.concatenate([vertices, vertices + 10]), np.concatenate([faces, faces + len(vertices)])
     found = geodesics_from(*two, np.array([0]))[0]
@@ -105,7 +107,7 @@ def test_other_component_and_limit(sphere) -> None:
     assert np.isinf(limited).any()
 
 
-def test_between_points_inside_triangles(sphere) -> None:
+def test_between_points_inside_triangles(sphere: Any) -> None:
     vertices, faces = sphere
     generator = np.random.default_rng(1)
     directions = generator.normal(size=(2, 400, 3))
@@ -120,7 +122,7 @@ def test_between_points_inside_triangles(sphere) -> None:
     assert geodesics_between(vertices, faces, start, start).max() == 0
 
 
-def test_between_components_is_infinite(sphere) -> None:
+def test_between_components_is_infinite(sphere: Any) -> None:
     vertices, faces = sphere
     two = np.concatenate([vertices, vertices + 10]), np.concatenate([faces, faces + len(vertices)])
     start = closest_points(np.array([[0.0, 0, 1], [0, 1, 0]]), *two)

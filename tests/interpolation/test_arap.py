@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
@@ -8,7 +10,7 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 
 
-def shape_of(seed: int = 1):
+def shape_of(seed: int = 1) -> Any:
     return to_shape(
         basis_of(blob(seed, faces=200), 10),
         MatchingSettings(features="wks", descriptors=8),

@@ -1,5 +1,7 @@
 """A weight means the same at any density: the loss of a pair, remeshed finer, is the same."""
 
+from typing import Any
+
 import pymeshlab
 import pytest
 import torch
@@ -18,7 +20,7 @@ MATCHING = MatchingSettings(features="wks", descriptors=8)
 class Wave(torch.nn.Module):
     """A smooth movement that is a function of the place alone, so the same at any density."""
 
-    def forward(self, vertices, target, times, neighbours):
+    def forward(self, vertices: Any, target: Any, times: Any, neighbours: Any) -> Any:
         wave = torch.sin(2 * vertices.flip(1)) * 0.2
         return vertices + times[:, None, None] * wave
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import torch
 from shapes import basis_of, blob
 
@@ -7,7 +9,7 @@ from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
 
 
-def shape_of(seed: int):
+def shape_of(seed: int) -> Any:
     return to_shape(
         basis_of(blob(seed, faces=300), 10),
         MatchingSettings(features="wks", descriptors=8),

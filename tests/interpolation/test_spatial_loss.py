@@ -1,5 +1,7 @@
 """Every form of the spatial loss equals its formula, written plainly with whole maps."""
 
+from typing import Any
+
 import pytest
 import torch
 from shapes import basis_of, blob
@@ -21,7 +23,7 @@ PRINTED = OURS.model_copy(update={"align_form": "printed", "arap_edges": "unifor
 
 
 @pytest.fixture(scope="module")
-def pair():
+def pair() -> Any:
     x, y = (
         to_shape(basis_of(blob(i, faces=200), 10), SETTINGS, dtype=torch.float64) for i in (1, 2)
     )
@@ -33,17 +35,17 @@ def pair():
 
 
 @pytest.fixture(scope="module")
-def net():
+def net() -> Any:
     torch.manual_seed(0)
     return Interpolator(InterpolationSettings(width=8, blocks=2)).double()
 
 
-def whole_map(F_x, F_y):
+def whole_map(F_x: Any, F_y: Any) -> Any:
     return (normalize(F_x, dim=1) @ normalize(F_y, dim=1).T / SETTINGS.temperature).softmax(1)
 
 
 @torch.no_grad()
-def plain_arap(before, after, edges, weights):
+def plain_arap(before: Any, after: Any, edges: Any, weights: Any) -> Any:
     """By the singular value decomposition, vertex by vertex."""
     total = 0.0
     for vertex in range(len(before)):
@@ -59,7 +61,7 @@ def plain_arap(before, after, edges, weights):
 
 @pytest.mark.parametrize("settings", [OURS, AUTHORS, PRINTED], ids=["ours", "authors", "printed"])
 @pytest.mark.parametrize("T", [1, 3])
-def test_terms_equal_the_plain_formulas(pair, net, settings, T) -> None:
+def test_terms_equal_the_plain_formulas(pair: Any, net: Any, settings: Any, T: int) -> None:
     with torch.no_grad():
         terms = spatial_loss(pair, net, T, settings)
     x, y = pair.shape_x, pair.shape_y
@@ -95,18 +97,18 @@ def test_terms_equal_the_plain_formulas(pair, net, settings, T) -> None:
         torch.testing.assert_close(terms[name].detach(), value.detach(), rtol=1e-6, atol=1e-8)
 
 
-def test_no_weights_no_terms(pair, net) -> None:
+def test_no_weights_no_terms(pair: Any, net: Any) -> None:
     assert spatial_loss(pair, net, 1, SpatialLossSettings.none()) == {}
 
 
 class TowardsTheMap(torch.nn.Module):
     """The degenerate interpolator that the paper warns of: Ω = Π Y − X."""
 
-    def forward(self, vertices, target, times, neighbours):
+    def forward(self, vertices: Any, target: Any, times: Any, neighbours: Any) -> Any:
         return vertices + times[:, None, None] * (target - vertices)
 
 
-def test_the_degenerate_interpolation_costs(pair) -> None:
+def test_the_degenerate_interpolation_costs(pair: Any) -> None:
     """Printed alignment calls it perfect, however blurred the map; the cycle does not."""
     by_form = {
         form: spatial_loss(

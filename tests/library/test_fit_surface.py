@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from cohorts import bumpy_cohort, surfaces_of
@@ -11,7 +13,7 @@ from ssm_pipeline.fitting import patient
 
 
 @pytest.fixture(scope="module")
-def cohort():
+def cohort() -> Any:
     """A model of ten cases, and a surface of the same kind."""
     shapes = bumpy_cohort(11, seed=3, rough_mm=0.8)
     return ssm.build_model(shapes.subset(range(10))), surfaces_of(shapes)[10]
@@ -21,7 +23,7 @@ def kinds(report: ssm.FitReport) -> list[str]:
     return [flag.split(":")[0] for flag in report.flags]
 
 
-def test_a_surface_of_the_kind_has_no_flag(cohort):
+def test_a_surface_of_the_kind_has_no_flag(cohort: Any) -> None:
     model, surface = cohort
     report = ssm.fit(model, surface)
     assert report.flags == ()
@@ -29,7 +31,7 @@ def test_a_surface_of_the_kind_has_no_flag(cohort):
     assert report.vertices.shape == model.mean.shape
 
 
-def test_what_is_wrong_with_a_surface_is_flagged(cohort):
+def test_what_is_wrong_with_a_surface_is_flagged(cohort: Any) -> None:
     model, surface = cohort
     faces = surface.faces
     metres = ssm.Mesh(surface.vertices / 1000, faces, "metres")
@@ -42,7 +44,7 @@ def test_what_is_wrong_with_a_surface_is_flagged(cohort):
     assert "mirrored" in kinds(ssm.fit(model, image))
 
 
-def test_the_models_own_cases_are_fitted_once(cohort, monkeypatch):
+def test_the_models_own_cases_are_fitted_once(cohort: Any, monkeypatch: Any) -> None:
     model, surface = cohort
     ssm.fit(model, surface)
     from ssm_pipeline.library import fit_surface
@@ -53,7 +55,9 @@ def test_the_models_own_cases_are_fitted_once(cohort, monkeypatch):
         ssm.fit(model, surface, meshes=[surface])
 
 
-def test_a_model_without_cases_is_judged_by_shapes_drawn_from_it(cohort, monkeypatch):
+def test_a_model_without_cases_is_judged_by_shapes_drawn_from_it(
+    cohort: Any, monkeypatch: Any
+) -> None:
     model, surface = cohort
     seen = []
     real = patient.judge

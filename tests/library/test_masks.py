@@ -20,7 +20,7 @@ def labels() -> np.ndarray:
     return np.where(inside, np.where(x > 18, 3, 7), 0).astype(np.uint8)
 
 
-def test_an_array_and_a_file_of_the_same_content_give_the_same_mask(tmp_path: Path):
+def test_an_array_and_a_file_of_the_same_content_give_the_same_mask(tmp_path: Path) -> None:
     image = sitk.GetImageFromArray(labels())
     image.SetSpacing(SPACING)
     image.SetOrigin(ORIGIN)
@@ -40,7 +40,7 @@ def test_an_array_and_a_file_of_the_same_content_give_the_same_mask(tmp_path: Pa
     np.testing.assert_allclose(step, [0, 1, 0])
 
 
-def test_a_label_must_be_named_where_there_are_several():
+def test_a_label_must_be_named_where_there_are_several() -> None:
     with pytest.raises(ssm.CaseError, match=r"2 labels \(3, 7\); which is the organ"):
         ssm.read_mask(labels(), spacing_mm=SPACING)
     assert ssm.read_mask(labels() > 3, spacing_mm=SPACING).voxels.sum() == (labels() > 3).sum()
@@ -50,7 +50,7 @@ def test_a_label_must_be_named_where_there_are_several():
     np.testing.assert_array_equal(certain.voxels, labels() == 7)
 
 
-def test_arrays_of_another_shape_are_refused():
+def test_arrays_of_another_shape_are_refused() -> None:
     with pytest.raises(ssm.CaseError, match=r"shape \(4, 4\); \(Z, Y, X\) is needed"):
         ssm.read_mask(np.ones((4, 4)), spacing_mm=SPACING)
     with pytest.raises(ssm.CaseError, match=r"spacing_mm has shape \(2,\)"):
@@ -59,7 +59,7 @@ def test_arrays_of_another_shape_are_refused():
         ssm.read_mask(labels() > 0, spacing_mm=SPACING, direction=np.ones((3, 3)))
 
 
-def test_the_surface_has_the_volume_of_the_mask_and_lies_where_it_lies():
+def test_the_surface_has_the_volume_of_the_mask_and_lies_where_it_lies() -> None:
     mask = ssm.read_mask(labels() > 0, spacing_mm=SPACING, origin_mm=ORIGIN, case_id="a")
     mesh = ssm.mesh_from_mask(mask, ssm.MeshingSettings(faces=800))
     from ssm_pipeline.geometry.surface import volume

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +15,7 @@ from ssm_pipeline.records import Mesh
 SETTINGS = MatchingSettings(features="wks", descriptors=16, channels=24, width=12, blocks=2)
 
 
-def network(settings=SETTINGS):
+def network(settings: Any = SETTINGS) -> Any:
     torch.manual_seed(0)
     return FeatureNetwork(settings).double()
 

@@ -1,10 +1,12 @@
+from typing import Any
+
 import numpy as np
 import torch
 
 from ssm_pipeline.matching.functional_map import functional_map, resolvent_mask
 
 
-def problem(k=9, channels=14):
+def problem(k: Any = 9, channels: Any = 14) -> Any:
     generator = torch.Generator().manual_seed(3)
     A = torch.randn(k, channels, generator=generator, dtype=torch.float64)
     B = torch.randn(k, channels, generator=generator, dtype=torch.float64)

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import torch
 from scipy.spatial.distance import cdist
@@ -10,25 +12,25 @@ from ssm_pipeline.matching.shape import to_shape
 SETTINGS = MatchingSettings(features="wks", descriptors=8)
 
 
-def rows(count, channels, seed):
+def rows(count: Any, channels: Any, seed: Any) -> Any:
     generator = np.random.default_rng(seed)
     # Of unlike length: by the dot product, the longest would be nearest to most.
     return generator.standard_normal((count, channels)) * generator.uniform(0.1, 5, (count, 1))
 
 
-def test_the_nearest_row_is_the_nearest_by_distance():
+def test_the_nearest_row_is_the_nearest_by_distance() -> None:
     queries, keys = rows(70, 5, seed=0), rows(90, 5, seed=1)
     found = nearest_rows(torch.as_tensor(queries), torch.as_tensor(keys), block_rows=32)
     np.testing.assert_array_equal(found, cdist(queries, keys).argmin(axis=1))
 
 
-def test_the_nearest_feature_has_the_largest_cosine():
+def test_the_nearest_feature_has_the_largest_cosine() -> None:
     x, y = rows(40, 6, seed=2), rows(50, 6, seed=3)
     found = nearest_features(torch.as_tensor(x), torch.as_tensor(y))
     np.testing.assert_array_equal(found, cdist(x, y, "cosine").argmin(axis=1))
 
 
-def test_projection_weighs_vertices_by_their_area():
+def test_projection_weighs_vertices_by_their_area() -> None:
     """On a mesh of uneven density Φᵀ alone is no projection: Φᵀ A is."""
     mesh = blob(1, faces=500)
     # Half of the surface is drawn together, so that its vertices have little area.

@@ -1,15 +1,17 @@
+from typing import Any
+
 import torch
 
 from ssm_pipeline.matching.soft_map import soft_maps
 
 
-def dense(F_x, F_y, v_x, v_y, tau):
+def dense(F_x: Any, F_y: Any, v_x: Any, v_y: Any, tau: Any) -> Any:
     F_x, F_y = (torch.nn.functional.normalize(F, dim=1) for F in (F_x, F_y))
     S = F_x @ F_y.T / tau
     return S.softmax(1) @ v_y, S.T.softmax(1) @ v_x
 
 
-def inputs(n_x=37, n_y=29, channels=8):
+def inputs(n_x: Any = 37, n_y: Any = 29, channels: Any = 8) -> Any:
     generator = torch.Generator().manual_seed(1)
     shapes = [(n_x, channels), (n_y, channels), (n_x, 4), (n_y, 5)]
     return [

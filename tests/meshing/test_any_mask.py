@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -56,7 +57,9 @@ def few(voxel_mm: float) -> MeshingSettings:
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), sides=st.tuples(SIDES, SIDES, SIDES), spacing=st.tuples(*[VOXEL_MM] * 3))
-def test_any_small_mask_gives_a_closed_mesh_or_a_reason(data, sides, spacing) -> None:
+def test_any_small_mask_gives_a_closed_mesh_or_a_reason(
+    data: Any, sides: Any, spacing: Any
+) -> None:
     voxels = data.draw(arrays(bool, sides))
     mask = Mask(voxels, np.array(spacing), np.array([5.0, -3, 100]), np.eye(3), "any")
     mesh = made(lambda: mesh_with_quality(mask, FEW)[0])
@@ -74,7 +77,7 @@ def test_any_small_mask_gives_a_closed_mesh_or_a_reason(data, sides, spacing) ->
     turn=st.integers(0, 2**32 - 1),
     larger=st.sampled_from([0.25, 0.5, 1.0]),
 )
-def test_the_mesh_goes_where_the_header_goes(shift, turn, larger) -> None:
+def test_the_mesh_goes_where_the_header_goes(shift: Any, turn: Any, larger: Any) -> None:
     """Moved, turned and made smaller by the header alone: every vertex is, too."""
     rotation = Rotation.random(random_state=turn).as_matrix()
     moved = dataclasses.replace(
@@ -92,7 +95,7 @@ def test_the_mesh_goes_where_the_header_goes(shift, turn, larger) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(names=st.permutations([1, 2, 3, 7, 200]), wanted=st.sets(st.integers(0, 4), min_size=2))
-def test_what_labels_are_called_does_not_matter(names, wanted) -> None:
+def test_what_labels_are_called_does_not_matter(names: Any, wanted: Any) -> None:
     """The same parts by other numbers: the same mask, and the same parts on its surface."""
     parts = np.random.default_rng(0).integers(-1, 5, BEAN.voxels.shape)  # -1: background
 
@@ -124,7 +127,7 @@ SPHERE = trimesh.creation.icosphere(2, radius=20.0)
     noise_mm=st.sampled_from([0.0, 1e-6, 0.5, 10.0]),
 )
 def test_any_surface_gives_a_closed_mesh_or_a_reason(
-    seed: int, kept, turned, doubled, joined, noise_mm
+    seed: int, kept: Any, turned: Any, doubled: Any, joined: Any, noise_mm: Any
 ) -> None:
     """A sphere whose triangles are missing, turned, doubled, and whose vertices are moved."""
     generator = np.random.default_rng(seed)

@@ -1,6 +1,7 @@
 """Labels of voxels on the surface: borders where they were, and smooth."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def tube(
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.8, 0.8, 2.0)])
-def test_the_border_is_between_the_voxels_of_either_side(spacing) -> None:
+def test_the_border_is_between_the_voxels_of_either_side(spacing: Any) -> None:
     mask = tube(20.0, spacing)
     mesh, _ = mesh_with_quality(dataclasses.replace(mask, labels=None), MeshingSettings(faces=3000))
     found = surface_labels(mesh, mask)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from synthetic_report import make_content
@@ -23,7 +24,7 @@ def content() -> ReportContent:
 
 
 @pytest.fixture(scope="session")
-def browser():
+def browser() -> Any:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the page")
     if CHROMIUM is None:
         pytest.skip("no chromium on this machine")
@@ -34,12 +35,12 @@ def browser():
 
 
 @pytest.fixture
-def watched_page(browser):
+def watched_page(browser: Any) -> Any:
     """Opens files; afterwards: nothing was asked of a network and nothing went wrong."""
     troubles: list[str] = []
     pages = []
 
-    def open_file(file: Path, width: int = 1280, scheme: str = "light"):
+    def open_file(file: Path, width: int = 1280, scheme: str = "light") -> Any:
         page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
         page.on("console", lambda m: troubles.append(m.text) if m.type == "error" else None)
         page.on("pageerror", lambda error: troubles.append(str(error)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +18,13 @@ SETTINGS = ReportSettings(modes=4)
 
 
 @pytest.fixture(scope="module")
-def file(content, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(content: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("compare") / "compare.html"
     write_compare_page(make_comparison(content), content.model, path, "blobs", True, SETTINGS)
     return path
 
 
-def test_only_what_is_significant_is_coloured(watched_page, file, content) -> None:
+def test_only_what_is_significant_is_coloured(watched_page: Any, file: Path, content: Any) -> None:
     page = watched_page(file)
     upper = (content.model.mean[:, 2] > 0).mean()
     assert page.evaluate("viewer.compare.shownShare()") == pytest.approx(upper)
@@ -35,7 +36,9 @@ def test_only_what_is_significant_is_coloured(watched_page, file, content) -> No
     assert "age: 14 more (1 SD)" in page.locator("#compare-caption").inner_text()
 
 
-def test_the_slider_adds_the_effect_to_the_mean(watched_page, file, content) -> None:
+def test_the_slider_adds_the_effect_to_the_mean(
+    watched_page: Any, file: Path, content: Any
+) -> None:
     page = watched_page(file)
     page.locator("#compare-scale").fill("2")
     shown = np.array(page.evaluate("[...viewer.compare.positions()]")).reshape(-1, 3)
@@ -43,7 +46,9 @@ def test_the_slider_adds_the_effect_to_the_mean(watched_page, file, content) -> 
     np.testing.assert_allclose(shown, content.model.mean + 2 * effect, atol=0.01)
 
 
-def test_scores_are_drawn_over_groups_and_numbers(watched_page, file, content) -> None:
+def test_scores_are_drawn_over_groups_and_numbers(
+    watched_page: Any, file: Path, content: Any
+) -> None:
     page = watched_page(file)
     assert page.locator("#scores-charts .chart").count() == 4
     points = page.locator("#scores-charts .chart").first.locator("circle")
@@ -59,12 +64,14 @@ def test_scores_are_drawn_over_groups_and_numbers(watched_page, file, content) -
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_scrolls_sideways(watched_page, file, width, scheme) -> None:
+def test_nothing_scrolls_sideways(watched_page: Any, file: Path, width: int, scheme: str) -> None:
     page = watched_page(file, width, scheme)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_the_report_has_a_tab_of_all_comparisons(watched_page, content, tmp_path: Path) -> None:
+def test_the_report_has_a_tab_of_all_comparisons(
+    watched_page: Any, content: Any, tmp_path: Path
+) -> None:
     first = make_comparison(content)
     design = dataclasses.replace(first.design, formula="~ age")
     second = dataclasses.replace(first, design=design, maps=first.maps[1:])
@@ -85,11 +92,11 @@ def test_the_report_has_a_tab_of_all_comparisons(watched_page, content, tmp_path
     assert page.locator("#scores-charts .chart").count() == 4
 
 
-def test_a_report_without_comparisons_has_no_such_tab(content) -> None:
+def test_a_report_without_comparisons_has_no_such_tab(content: Any) -> None:
     assert "tab-compare" not in page_html(content, SETTINGS)
 
 
-def test_users_text_is_never_code(watched_page, content, tmp_path: Path) -> None:
+def test_users_text_is_never_code(watched_page: Any, content: Any, tmp_path: Path) -> None:
     bad = "</script><script>window.owned = 1</script><b id=owned>"
     comparison = make_comparison(content)
     design = dataclasses.replace(
@@ -110,7 +117,7 @@ def test_users_text_is_never_code(watched_page, content, tmp_path: Path) -> None
     assert page.locator("#owned").count() == 0
 
 
-def test_covariates_of_other_cases_are_refused(content, tmp_path: Path) -> None:
+def test_covariates_of_other_cases_are_refused(content: Any, tmp_path: Path) -> None:
     comparison = make_comparison(content)
     few = dataclasses.replace(comparison.design, covariates=comparison.design.covariates.head(3))
     other = dataclasses.replace(comparison, design=few)

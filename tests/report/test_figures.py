@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def test_every_picture_of_a_set_is_its_own_and_all_share_a_scale() -> None:
     assert covered[0] / covered[1] == pytest.approx(4, rel=0.05)  # pixels at the rim
 
 
-def test_signed_distance_of_a_grown_sphere_is_the_growth(content) -> None:
+def test_signed_distance_of_a_grown_sphere_is_the_growth(content: Any) -> None:
     model = content.model
     normals = vertex_normals(model.mean, model.faces)
     np.testing.assert_allclose(signed_distance(model.mean + 2.5 * normals, model), 2.5)
@@ -67,13 +68,13 @@ def test_signed_distance_of_a_grown_sphere_is_the_growth(content) -> None:
     ],
     ids=["modes", "correspondence", "interpolation", "curves"],
 )
-def test_figures_have_the_width_asked_and_show_something(content, draw) -> None:
+def test_figures_have_the_width_asked_and_show_something(content: Any, draw: Any) -> None:
     image = imread(io.BytesIO(figures.figure_bytes(draw(content), SMALL)))
     assert image.shape[1] == pytest.approx(120 / 25.4 * 50, abs=1)
     assert image[..., :3].std() > 0.02
 
 
-def test_written_pdf_embeds_editable_fonts_and_repeats(content, tmp_path: Path) -> None:
+def test_written_pdf_embeds_editable_fonts_and_repeats(content: Any, tmp_path: Path) -> None:
     settings = SMALL.model_copy(update={"format": "pdf"})
     files = figures.write_figures(content, tmp_path, settings)
     assert {f.name for f in files} == {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,13 @@ SETTINGS = ReportSettings(modes=4, case_faces=400)
 
 
 @pytest.fixture(scope="module")
-def file(content, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(content: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("fit") / "fit.html"
     write_fit_page(make_fits(content), path, "blobs", True, SETTINGS)
     return path
 
 
-def test_an_ordinary_patient_is_said_to_be_one(watched_page, file) -> None:
+def test_an_ordinary_patient_is_said_to_be_one(watched_page: Any, file: Path) -> None:
     page = watched_page(file)
     verdict = page.locator("#fit-verdict")
     assert verdict.get_attribute("class") == "fine"
@@ -30,7 +31,7 @@ def test_an_ordinary_patient_is_said_to_be_one(watched_page, file) -> None:
     assert page.locator("#fit-judged .striking").count() == 0
 
 
-def test_a_flagged_patient_is_told_with_value_and_threshold(watched_page, file) -> None:
+def test_a_flagged_patient_is_told_with_value_and_threshold(watched_page: Any, file: Path) -> None:
     page = watched_page(file)
     page.select_option("#fit-patient", "1")
     verdict = page.locator("#fit-verdict")
@@ -40,7 +41,9 @@ def test_a_flagged_patient_is_told_with_value_and_threshold(watched_page, file) 
     assert row.locator("td").all_inner_texts() == ["Rotated by", "176°", "", "45°"]
 
 
-def test_residuals_and_uncertainty_are_those_of_the_fit(watched_page, file, content) -> None:
+def test_residuals_and_uncertainty_are_those_of_the_fit(
+    watched_page: Any, file: Path, content: Any
+) -> None:
     page = watched_page(file)
     page.click("#tab-patients")
     page.locator("button[data-patient='2']").click()  # of whom the top was cut off
@@ -55,7 +58,7 @@ def test_residuals_and_uncertainty_are_those_of_the_fit(watched_page, file, cont
     assert "uncertainty" in page.locator("#fit-caption").inner_text()
 
 
-def test_the_patients_place_among_the_cohort(watched_page, file, content) -> None:
+def test_the_patients_place_among_the_cohort(watched_page: Any, file: Path, content: Any) -> None:
     page = watched_page(file)
     fit = make_fits(content)[0]
     lines = page.locator("#fit-modes .strip-line[role=img]")
@@ -66,7 +69,7 @@ def test_the_patients_place_among_the_cohort(watched_page, file, content) -> Non
     assert f"{abs(fit.scores[0]):.2f} SD" in lines.first.get_attribute("aria-label")
 
 
-def test_the_picture_follows_the_choice(watched_page, file) -> None:
+def test_the_picture_follows_the_choice(watched_page: Any, file: Path) -> None:
     page = watched_page(file)
     canvas = page.locator("#fit-stage canvas")
     page.evaluate("viewer.fit.drawNow()")
@@ -80,14 +83,14 @@ def test_the_picture_follows_the_choice(watched_page, file) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_scrolls_sideways(watched_page, file, width, scheme) -> None:
+def test_nothing_scrolls_sideways(watched_page: Any, file: Path, width: int, scheme: str) -> None:
     page = watched_page(file, width, scheme)
     for name in ("fit", "patients"):
         page.click(f"#tab-{name}")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_one_patient_needs_no_list(watched_page, content, tmp_path: Path) -> None:
+def test_one_patient_needs_no_list(watched_page: Any, content: Any, tmp_path: Path) -> None:
     write_fit_page(make_fits(content)[:1], tmp_path / "fit.html", "blobs", False, SETTINGS)
     page = watched_page(tmp_path / "fit.html")
     assert page.locator("#fit-patient").count() == 0
@@ -95,7 +98,7 @@ def test_one_patient_needs_no_list(watched_page, content, tmp_path: Path) -> Non
     assert page.locator("#fit-verdict").inner_text().startswith("Like the model's cases.")
 
 
-def test_users_text_is_never_code(watched_page, content, tmp_path: Path) -> None:
+def test_users_text_is_never_code(watched_page: Any, content: Any, tmp_path: Path) -> None:
     bad = "</script><script>window.owned = 1</script><b id=owned>"
     fit = dataclasses.replace(make_fits(content)[0], case_id=bad, remarks=(bad,))
     fits = [fit, *make_fits(content)[1:]]
@@ -106,6 +109,6 @@ def test_users_text_is_never_code(watched_page, content, tmp_path: Path) -> None
     assert page.locator("#owned").count() == 0
 
 
-def test_no_patient_is_no_page(content, tmp_path: Path) -> None:
+def test_no_patient_is_no_page(content: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no fitted patient"):
         write_fit_page([], tmp_path / "fit.html", "blobs")

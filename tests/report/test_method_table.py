@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,7 +53,9 @@ def differences(low: float, high: float, p: float | None = None) -> dict[str, li
         (-0.1, -0.01, 0.04, "better"),
     ],
 )
-def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict) -> None:
+def test_a_verdict_needs_the_interval_and_the_adjusted_p(
+    low: float, high: float, p: Any, verdict: str
+) -> None:
     table = first(comparison(**differences(low, high, p)))
     (difference,) = [c.difference for row in table.rows if row.method == "bcpd" for c in row.cells]
     assert difference is not None
@@ -68,7 +72,7 @@ def test_a_verdict_needs_the_interval_and_the_adjusted_p(low, high, p, verdict) 
         (0.1, 0.3, "+0.20 worse"),
     ],
 )
-def test_a_clear_difference_is_never_shown_as_zero(low, high, shown) -> None:
+def test_a_clear_difference_is_never_shown_as_zero(low: float, high: float, shown: str) -> None:
     table = first(comparison(**differences(low, high)))
     (difference,) = [c.difference for row in table.rows if row.method == "bcpd" for c in row.cells]
     assert difference is not None

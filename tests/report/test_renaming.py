@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,13 +31,13 @@ def original():
 
 
 @pytest.fixture(scope="module")
-def names(original) -> dict[str, str]:
+def names(original: Any) -> dict[str, str]:
     """In another order than the run's."""
     ids = sorted(original.names)
     return {case_id: f"case_{(3 * n + 2) % len(ids):03d}" for n, case_id in enumerate(ids)}
 
 
-def test_no_former_id_is_left_on_the_page(original, names) -> None:
+def test_no_former_id_is_left_on_the_page(original: Any, names: dict[str, str]) -> None:
     assert len(set(names.values())) == len(names) == 7
     settings = ReportSettings(modes=2, tile_px=64, case_faces=200)
     assert "blob.003" in page_html(original, settings)
@@ -45,7 +46,7 @@ def test_no_former_id_is_left_on_the_page(original, names) -> None:
     assert names["blob.003"] in page
 
 
-def test_numbers_stay_with_their_case(original, names) -> None:
+def test_numbers_stay_with_their_case(original: Any, names: dict[str, str]) -> None:
     new = renamed(original, names)
     assert list(new.model.case_ids) == sorted(new.model.case_ids)
     assert new.model.case_ids != tuple(names[c] for c in original.model.case_ids)
@@ -66,6 +67,6 @@ def test_numbers_stay_with_their_case(original, names) -> None:
     assert list(new.cohort["case_id"]) == sorted(new.cohort["case_id"])
 
 
-def test_every_id_needs_a_new_one(original, names) -> None:
+def test_every_id_needs_a_new_one(original: Any, names: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"no new id for blob\.bad"):
         renamed(original, {k: v for k, v in names.items() if k != "blob.bad"})

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -13,14 +14,14 @@ from ssm_pipeline.report.page_tables import page_tables
 from ssm_pipeline.stages.report import _seconds
 
 
-def test_tables_without_a_needed_column_are_refused(content) -> None:
+def test_tables_without_a_needed_column_are_refused(content: Any) -> None:
     with pytest.raises(ValueError, match=r"table correspondence lacks column.s. hd95_mm"):
         dataclasses.replace(content, correspondence=content.correspondence.drop(columns="hd95_mm"))
     with pytest.raises(ValueError, match=r"table specificity lacks column.s. chamfer_mm"):
         dataclasses.replace(content, metrics={"specificity": pd.DataFrame({"modes": [1]})})
 
 
-def test_parts_of_different_studies_are_refused(content) -> None:
+def test_parts_of_different_studies_are_refused(content: Any) -> None:
     strange = Mesh(content.meshes[0].vertices, content.meshes[0].faces, "someone else")
     with pytest.raises(ValueError, match="someone else"):
         dataclasses.replace(content, meshes=(strange,))
@@ -28,7 +29,7 @@ def test_parts_of_different_studies_are_refused(content) -> None:
         dataclasses.replace(content, frames=content.frames[:2])
 
 
-def test_a_template_outside_the_cohort_shows_the_mean(content) -> None:
+def test_a_template_outside_the_cohort_shows_the_mean(content: Any) -> None:
     aligned = dataclasses.replace(content.aligned, template_id="atlas")
     with pytest.raises(ValueError, match="landmarks lie on template atlas"):
         dataclasses.replace(content, aligned=aligned)
@@ -36,7 +37,7 @@ def test_a_template_outside_the_cohort_shows_the_mean(content) -> None:
     assert free.template_vertices is free.model.mean
 
 
-def test_a_stage_that_was_reused_has_no_time(content) -> None:
+def test_a_stage_that_was_reused_has_no_time(content: Any) -> None:
     stages = ({"name": "meshing", "seconds": None}, {"name": "spectral", "seconds": 1.5})
     table = page_tables(dataclasses.replace(content, stages=stages), 2).stages
     assert table is not None
@@ -45,12 +46,14 @@ def test_a_stage_that_was_reused_has_no_time(content) -> None:
 
 
 @pytest.mark.parametrize(("seconds", "expected"), [(0.02, None), (3.0, 3.0), (0.09, None)])
-def test_a_stage_is_reused_if_its_cases_took_longer_than_it(tmp_path, seconds, expected) -> None:
+def test_a_stage_is_reused_if_its_cases_took_longer_than_it(
+    tmp_path: Any, seconds: float, expected: Any
+) -> None:
     record = SimpleNamespace(seconds=seconds)
     for number in range(3):
         storage.write_json(tmp_path / f"case_{number}" / CASE_FILE, {"seconds": 1.0})
     assert _seconds(record, tmp_path) == expected
 
 
-def test_a_quick_stage_keeps_its_time(tmp_path) -> None:
+def test_a_quick_stage_keeps_its_time(tmp_path: Any) -> None:
     assert _seconds(SimpleNamespace(seconds=0.02), tmp_path) == 0.02

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -78,7 +79,7 @@ def test_intervals_are_joined() -> None:
         ("['full', 'S3M']", "['full', 'S3M']"),
     ],
 )
-def test_no_folder_is_named_on_a_page_that_may_be_sent(words, shown) -> None:
+def test_no_folder_is_named_on_a_page_that_may_be_sent(words: str, shown: str) -> None:
     assert dict(flattened({"data": {"folder": words}})) == {"data.folder": shown}
     cell = readable(pd.DataFrame({"warnings": [words]})).rows[0][0]
     assert (cell.text, cell.values) == (shown, (shown,))
@@ -195,7 +196,7 @@ def test_grid_lines_lie_on_planes_and_a_touching_plane_paints_no_blot() -> None:
     assert (colours.sum(axis=1)[1:] > 200).all()
 
 
-def test_patterned_shapes_keep_surface_and_welds(content) -> None:
+def test_patterned_shapes_keep_surface_and_welds(content: Any) -> None:
     template, faces = content.template_vertices, content.model.faces
     (scene,) = patterned_scenes([content.model.mean], faces, template, steps=3)
     assert len(scene.faces) == 9 * len(faces)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from ssm_pipeline.report.training_curves import POINTS, collapse_warning, training_charts
 
 
-def losses(steps: int = 1000, **columns) -> pd.DataFrame:
+def losses(steps: int = 1000, **columns: Any) -> pd.DataFrame:
     return pd.DataFrame({"step": np.arange(1, steps + 1), "total": 5.0, **columns})
 
 
@@ -45,7 +47,7 @@ def test_what_is_watched_has_charts_of_its_own() -> None:
     ("extent", "cosine", "told"),
     [(0.04, 0.1, "4 % of its target"), (0.99, 0.976, "mean cosine 0.98"), (0.99, 0.1, None)],
 )
-def test_a_collapsed_map_is_told(extent, cosine, told) -> None:
+def test_a_collapsed_map_is_told(extent: float, cosine: float, told: Any) -> None:
     warning = collapse_warning(losses(map_extent=extent, mean_cosine=cosine))
     assert (warning is None) if told is None else (told in str(warning))
 

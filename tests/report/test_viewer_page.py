@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,30 +28,30 @@ TABS = ["overview", "modes", "interpolation", "correspondence", "quality", "coho
 
 
 @pytest.fixture(scope="module")
-def file(content, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(content: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "index.html"
     write_page(content, path, SETTINGS)
     return path
 
 
 @pytest.fixture
-def page(watched_page, file):
+def page(watched_page: Any, file: Path):
     return watched_page(file)
 
 
-def positions(page, part: str = "modes") -> np.ndarray:
+def positions(page: Any, part: str = "modes") -> np.ndarray:
     flat = page.evaluate(f"[...viewer.{part}.positions()]")
     return np.array(flat).reshape(-1, 3)
 
 
-def test_the_page_opens_with_its_pictures(page) -> None:
+def test_the_page_opens_with_its_pictures(page: Any) -> None:
     page.wait_for_function("performance.getEntriesByName('first-contentful-paint')[0]?.startTime")
     assert page.locator("p.synthetic").inner_text().startswith("SYNTHETIC PHANTOM COHORT")
     shown = "[...document.images].every((i) => i.complete && i.naturalWidth > 20)"
     assert page.evaluate(shown)
 
 
-def test_sliders_give_exactly_the_models_instance(page, content) -> None:
+def test_sliders_give_exactly_the_models_instance(page: Any, content: Any) -> None:
     page.click("#tab-modes")
     page.locator("#mode-0").fill("1.5")
     page.locator("#mode-3").fill("-2.25")
@@ -67,7 +68,7 @@ def test_sliders_give_exactly_the_models_instance(page, content) -> None:
     np.testing.assert_allclose(positions(page), content.model.mean, atol=1e-3)
 
 
-def test_the_picture_follows_the_slider(page) -> None:
+def test_the_picture_follows_the_slider(page: Any) -> None:
     page.click("#tab-modes")
     canvas = page.locator("#modes-stage canvas")
     before = canvas.screenshot()
@@ -76,7 +77,7 @@ def test_the_picture_follows_the_slider(page) -> None:
     assert canvas.screenshot() != before
 
 
-def test_a_tick_shows_that_cases_reconstruction(page, content) -> None:
+def test_a_tick_shows_that_cases_reconstruction(page: Any, content: Any) -> None:
     page.click("#tab-modes")
     assert page.locator(".ticks").count() == SETTINGS.modes
     ticks = page.locator(".ticks").first.locator("button")
@@ -95,7 +96,7 @@ def test_a_tick_shows_that_cases_reconstruction(page, content) -> None:
     assert "Green: its own surface" in note
 
 
-def test_play_moves_one_mode_and_stops(page) -> None:
+def test_play_moves_one_mode_and_stops(page: Any) -> None:
     page.click("#tab-modes")
     button = page.get_by_label("Play mode 2")
     button.click()
@@ -107,7 +108,7 @@ def test_play_moves_one_mode_and_stops(page) -> None:
     assert stopped[0] == 0
 
 
-def test_every_tab_by_keyboard_alone(page) -> None:
+def test_every_tab_by_keyboard_alone(page: Any) -> None:
     page.keyboard.press("Tab")
     for name in TABS[1:]:
         page.keyboard.press("ArrowRight")
@@ -120,7 +121,7 @@ def test_every_tab_by_keyboard_alone(page) -> None:
     assert page.locator("#panel-cohort").is_visible()
 
 
-def test_interpolation_shows_the_path(page, content) -> None:
+def test_interpolation_shows_the_path(page: Any, content: Any) -> None:
     page.click("#tab-interpolation")
     page.select_option("#interpolation-pair", "1")
     page.evaluate("viewer.interpolation.set(0.35, 0.5)")
@@ -136,7 +137,7 @@ def test_interpolation_shows_the_path(page, content) -> None:
     assert download.value.suggested_filename.endswith(".png")
 
 
-def test_saved_frames_are_a_whole_archive_of_pictures(page, tmp_path: Path) -> None:
+def test_saved_frames_are_a_whole_archive_of_pictures(page: Any, tmp_path: Path) -> None:
     page.set_viewport_size({"width": 400, "height": 400})  # small pictures are quick
     page.click("#tab-interpolation")
     with page.expect_download() as download:
@@ -150,7 +151,7 @@ def test_saved_frames_are_a_whole_archive_of_pictures(page, tmp_path: Path) -> N
     assert np.abs(first - last).max() > 0.1
 
 
-def test_distortion_is_that_of_the_singular_values(page, content) -> None:
+def test_distortion_is_that_of_the_singular_values(page: Any, content: Any) -> None:
     page.click("#tab-interpolation")
     page.evaluate("viewer.interpolation.set(1, 1)")
     shown = np.array(page.evaluate("[...viewer.interpolation.distortion()]"))
@@ -167,7 +168,7 @@ def test_distortion_is_that_of_the_singular_values(page, content) -> None:
     np.testing.assert_allclose(shown, evaluated, rtol=5e-3)
 
 
-def test_the_readouts_are_the_means_that_the_evaluation_gives(page, content) -> None:
+def test_the_readouts_are_the_means_that_the_evaluation_gives(page: Any, content: Any) -> None:
     page.click("#tab-interpolation")
     page.locator("#interpolation-t").fill("0.6")
     assert page.locator("#interpolation-ts").input_value() == "0.6"  # pose and shape together
@@ -179,7 +180,7 @@ def test_the_readouts_are_the_means_that_the_evaluation_gives(page, content) -> 
     assert [float(readouts[0]), float(readouts[2])] == pytest.approx(expected, abs=2e-3)
 
 
-def test_worst_fit_comes_first_after_the_template(page, content) -> None:
+def test_worst_fit_comes_first_after_the_template(page: Any, content: Any) -> None:
     page.click("#tab-correspondence")
     shown = page.evaluate("viewer.correspondence.order()")
     table = content.correspondence.sort_values("surface_mm", ascending=False)
@@ -203,7 +204,7 @@ def test_worst_fit_comes_first_after_the_template(page, content) -> None:
     assert red > 5  # a landmark
 
 
-def test_charts_read_out_values(page, content) -> None:
+def test_charts_read_out_values(page: Any, content: Any) -> None:
     page.click("#tab-quality")
     page.select_option("#quality-distance", "chamfer_mm")
     chart = page.locator("#quality-charts .chart").nth(2)
@@ -219,7 +220,7 @@ def test_charts_read_out_values(page, content) -> None:
     ]
 
 
-def test_ten_methods_are_told_apart(content, browser, tmp_path: Path) -> None:
+def test_ten_methods_are_told_apart(content: Any, browser: Any, tmp_path: Path) -> None:
     table = content.metrics["compactness"].query("method == 'ours'")
     many = pd.concat([table.assign(method=f"method {number}") for number in range(10)])
     path = tmp_path / "index.html"
@@ -248,7 +249,7 @@ def test_ten_methods_are_told_apart(content, browser, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [390, 1280, 1920])
-def test_no_tab_scrolls_sideways(page, width) -> None:
+def test_no_tab_scrolls_sideways(page: Any, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 844})
     for name in TABS:
         page.click(f"#tab-{name}")
@@ -270,7 +271,7 @@ TALL = """[...document.querySelectorAll('.scroll thead')].filter((t) => t.offset
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_tables_of_a_real_cohort_fit_a_laptop(browser, cohort_file, scheme) -> None:
+def test_tables_of_a_real_cohort_fit_a_laptop(browser: Any, cohort_file: Path, scheme: str) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
     page.goto(cohort_file.as_uri())
     for name in [*TABS, "training"]:
@@ -283,7 +284,7 @@ def test_tables_of_a_real_cohort_fit_a_laptop(browser, cohort_file, scheme) -> N
 
 
 def test_whole_ids_are_on_hover_and_in_the_saved_table(
-    browser, cohort_file, tmp_path: Path
+    browser: Any, cohort_file: Path, tmp_path: Path
 ) -> None:
     page = browser.new_page()
     page.goto(cohort_file.as_uri())
@@ -303,14 +304,16 @@ def test_whole_ids_are_on_hover_and_in_the_saved_table(
     page.close()
 
 
-def saved_table(page, name: str, folder: Path) -> pd.DataFrame:
+def saved_table(page: Any, name: str, folder: Path) -> pd.DataFrame:
     with page.expect_download() as download:
         page.click(f"button[data-save=table-{name}]")
     download.value.save_as(folder / f"{name}.csv")
     return pd.read_csv(folder / f"{name}.csv", dtype={"Case": str, "Method": str})
 
 
-def test_saved_tables_hold_one_number_per_cell(browser, cohort_file, tmp_path):
+def test_saved_tables_hold_one_number_per_cell(
+    browser: Any, cohort_file: Path, tmp_path: Any
+) -> None:
     page = browser.new_page()
     page.goto(cohort_file.as_uri())
     page.click("#tab-quality")
@@ -338,7 +341,7 @@ def test_saved_tables_hold_one_number_per_cell(browser, cohort_file, tmp_path):
     page.close()
 
 
-def test_scores_of_the_cases_are_a_table(page, content, tmp_path):
+def test_scores_of_the_cases_are_a_table(page: Any, content: Any, tmp_path: Any) -> None:
     page.click("#tab-modes")
     assert f"{SETTINGS.modes} of {content.model.mode_count} modes" in page.inner_text(
         "#panel-modes"
@@ -350,7 +353,9 @@ def test_scores_of_the_cases_are_a_table(page, content, tmp_path):
     np.testing.assert_allclose(found, content.model.scores[:, : SETTINGS.modes], rtol=1e-5)
 
 
-def test_the_shape_shown_is_saved_as_stl_and_picture(page, content, tmp_path):
+def test_the_shape_shown_is_saved_as_stl_and_picture(
+    page: Any, content: Any, tmp_path: Any
+) -> None:
     page.click("#tab-modes")
     page.locator("#mode-1").fill("-1.5")
     with page.expect_download() as download:
@@ -368,7 +373,7 @@ def test_the_shape_shown_is_saved_as_stl_and_picture(page, content, tmp_path):
     assert imread(tmp_path / "shape.png")[..., 3].max() == 1
 
 
-def test_methods_at_a_glance(browser, cohort_file, tmp_path: Path) -> None:
+def test_methods_at_a_glance(browser: Any, cohort_file: Path, tmp_path: Path) -> None:
     page = browser.new_page()
     page.goto(cohort_file.as_uri())
     page.click("#tab-quality")
@@ -387,7 +392,9 @@ def test_methods_at_a_glance(browser, cohort_file, tmp_path: Path) -> None:
     page.close()
 
 
-def test_a_collapsed_map_is_told_on_the_first_tab(content, browser, tmp_path: Path) -> None:
+def test_a_collapsed_map_is_told_on_the_first_tab(
+    content: Any, browser: Any, tmp_path: Path
+) -> None:
     steps = np.arange(1, 101)
     losses = pd.DataFrame({"step": steps, "total": 1.0 / steps, "map_extent": 0.04})
     path = tmp_path / "index.html"
@@ -400,7 +407,7 @@ def test_a_collapsed_map_is_told_on_the_first_tab(content, browser, tmp_path: Pa
     page.close()
 
 
-def test_users_text_is_never_code(content, browser, tmp_path: Path) -> None:
+def test_users_text_is_never_code(content: Any, browser: Any, tmp_path: Path) -> None:
     bad = "</script><script>window.owned = 1</script><b id=owned>"
     path = tmp_path / "index.html"
     cohort = content.cohort.assign(warnings=bad)
@@ -415,7 +422,9 @@ def test_users_text_is_never_code(content, browser, tmp_path: Path) -> None:
     page.close()
 
 
-def test_a_study_with_little_to_show_still_makes_a_page(content, browser, tmp_path: Path) -> None:
+def test_a_study_with_little_to_show_still_makes_a_page(
+    content: Any, browser: Any, tmp_path: Path
+) -> None:
     bare = dataclasses.replace(
         content, is_synthetic=False, meshes=(), paths=(), metrics={}, landmarks=None, stages=()
     )
@@ -433,7 +442,7 @@ def test_a_study_with_little_to_show_still_makes_a_page(content, browser, tmp_pa
     assert errors == []
 
 
-def test_a_browser_without_webgl_says_so(browser, file) -> None:
+def test_a_browser_without_webgl_says_so(browser: Any, file: Path) -> None:
     page = browser.new_page()
     page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     errors: list[str] = []
@@ -452,11 +461,11 @@ def test_the_page_of_a_whole_cohort_stays_small() -> None:
     assert data + (VIEWER / "viewer.js").stat().st_size < 8e6
 
 
-def test_captions_state_the_floor_of_the_chamfer_distance(content) -> None:
+def test_captions_state_the_floor_of_the_chamfer_distance(content: Any) -> None:
     assert page_html(content, SETTINGS).count("1.25 mm with 500 points") == 1
 
 
-def test_nothing_is_loaded_from_elsewhere(content) -> None:
+def test_nothing_is_loaded_from_elsewhere(content: Any) -> None:
     text = page_html(content, SETTINGS)
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", text)
     assert not re.search(r"@import|url\(\s*[\"']?http", text)

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -27,13 +29,13 @@ def cohort() -> CorrespondedShapes:
     return CorrespondedShapes(np.stack(points), mesh.faces, tuple("abcd"), "b")
 
 
-def test_the_mean_of_equal_shapes_lies_on_each(cohort) -> None:
+def test_the_mean_of_equal_shapes_lies_on_each(cohort: CorrespondedShapes) -> None:
     means = placed_means(cohort, mean_of="abc")
     for case_id, points in zip("abc", cohort.vertices[:3], strict=True):
         np.testing.assert_allclose(means[case_id], points, atol=1e-6)
 
 
-def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort) -> None:
+def test_a_case_outside_the_mean_is_laid_on_and_not_mixed_in(cohort: CorrespondedShapes) -> None:
     bent = cohort.vertices[3]
     away = {
         name: np.linalg.norm(placed_means(cohort, mean_of=of)["d"] - bent, axis=1).mean()
@@ -78,11 +80,11 @@ def test_a_round_takes_out_what_slid_along_the_surface() -> None:
     assert error[1] < 0.6 * error[0]
 
 
-def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort) -> None:
+def test_a_round_of_one_case_leaves_the_others_as_they_are(cohort: CorrespondedShapes) -> None:
     """A new patient among the cohort: its start is the cohort's mean, and it alone is matched."""
     seen = []
 
-    def to_first_corner(number, starts):
+    def to_first_corner(number: Any, starts: Any) -> Any:
         seen.append((number, starts["d"]))
         count = len(cohort.vertices[0])
         corner = np.tile([1.0, 0, 0], (count, 1))

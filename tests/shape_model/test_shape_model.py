@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,7 +10,7 @@ from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
 
-def hand_made(count=40, seed: int = 0):
+def hand_made(count: Any = 40, seed: int = 0) -> Any:
     """A mean and two known orthonormal modes with known scores."""
     mesh = blob(1, faces=200)
     generator = np.random.default_rng(seed)
@@ -94,7 +96,7 @@ def test_bad_sizes_say_what_was_needed() -> None:
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
-def test_alignment_undoes_any_pose(with_scale) -> None:
+def test_alignment_undoes_any_pose(with_scale: bool) -> None:
     mesh = blob(1, faces=200)
     generator = np.random.default_rng(0)
     moved = []

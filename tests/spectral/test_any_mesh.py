@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,7 +102,9 @@ def test_a_basis_that_is_not_finite_is_refused_with_the_vertex() -> None:
     moved=st.integers(0, 20),
     shifted=st.sampled_from([0.0, 1e-9, 1e-3, 0.5]),
 )
-def test_damaged_spheres_are_finite_or_refused(seed: int, kept, doubled, moved, shifted) -> None:
+def test_damaged_spheres_are_finite_or_refused(
+    seed: int, kept: Any, doubled: Any, moved: Any, shifted: Any
+) -> None:
     """Triangles missing, doubled or turned, vertices laid on others or pushed about."""
     generator = np.random.default_rng(seed)
     faces = FACES[generator.random(len(FACES)) < kept]

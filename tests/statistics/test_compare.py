@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -56,7 +58,7 @@ def test_one_mode_is_the_t_test() -> None:
 
 
 @pytest.mark.parametrize("confounded", [False, True])
-def test_p_values_are_even_where_nothing_is(confounded) -> None:
+def test_p_values_are_even_where_nothing_is(confounded: bool) -> None:
     generator = np.random.default_rng(5)
     values = []
     for _ in range(120):
@@ -127,7 +129,7 @@ def test_power_is_that_of_the_t_test_for_one_mode() -> None:
     )
 
 
-def a_cohort():
+def a_cohort() -> Any:
     generator = np.random.default_rng(6)
     modes = generator.standard_normal((4, 25, 3)) * np.array([4.0, 3.0, 2.0, 1.0])[:, None, None]
     scores = generator.standard_normal((40, 4))
@@ -206,7 +208,7 @@ def test_more_modes_than_the_cases_carry_are_refused_with_the_number_they_do() -
         modes_carried(model, few)
 
 
-def test_hotellings_t2_is_the_two_sample_statistic():
+def test_hotellings_t2_is_the_two_sample_statistic() -> None:
     generator = np.random.default_rng(11)
     scores = generator.standard_normal((40, 3)) + 0.4 * GROUP[:, None]
     found = multivariate_test(scores, DESIGN, [1], 9, generator).statistic
@@ -216,7 +218,7 @@ def test_hotellings_t2_is_the_two_sample_statistic():
     assert found == pytest.approx(10 * apart @ np.linalg.solve(pooled, apart))
 
 
-def test_procrustes_f_is_that_of_anova_and_of_anderson():
+def test_procrustes_f_is_that_of_anova_and_of_anderson() -> None:
     """One coordinate: one-way ANOVA. Several: Anderson's pseudo-F of squared distances."""
     generator = np.random.default_rng(12)
     groups = np.repeat([0, 1, 2], [10, 14, 16])
@@ -236,7 +238,7 @@ def test_procrustes_f_is_that_of_anova_and_of_anderson():
     assert several.statistic == pytest.approx((total - within) / 2 / (within / 37))
 
 
-def test_permutations_are_freedman_and_lanes():
+def test_permutations_are_freedman_and_lanes() -> None:
     """Residuals without the tested column, permuted, and fitted by both models again."""
     generator = np.random.default_rng(13)
     count, covariates = 24, 6
@@ -266,12 +268,12 @@ def test_permutations_are_freedman_and_lanes():
         np.testing.assert_allclose(one, rest(other, nuisance), atol=1e-10)
 
 
-def test_p_values_of_modes_count_the_observed_order():
+def test_p_values_of_modes_count_the_observed_order() -> None:
     planted = 9.0 * GROUP[:, None] + np.random.default_rng(2).standard_normal((40, 2))
     assert mode_tests(planted, DESIGN, [1], 19, np.random.default_rng(0)).tolist() == [0.05] * 2
 
 
-def test_another_seed_draws_other_permutations_and_intervals():
+def test_another_seed_draws_other_permutations_and_intervals() -> None:
     scores = np.random.default_rng(2).standard_normal((40, 3)) + 0.3 * GROUP[:, None]
     one, other = (
         (
@@ -284,7 +286,7 @@ def test_another_seed_draws_other_permutations_and_intervals():
     assert one[1] != other[1]
 
 
-def test_power_for_several_modes_is_how_often_an_effect_is_found():
+def test_power_for_several_modes_is_how_often_an_effect_is_found() -> None:
     """By the exact F test of T² on normal scores, 400 cohorts: standard error 0.025."""
     generator = np.random.default_rng(3)
     found = []

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from ssm_pipeline.statistics.covariates import design_of, matched_to_cases
 IDS = tuple(f"p{index:02d}" for index in range(20))
 
 
-def table(**columns):
+def table(**columns: Any) -> Any:
     generator = np.random.default_rng(0)
     content = {
         "participant_id": IDS,
@@ -24,7 +25,7 @@ def table(**columns):
     return pd.DataFrame(content | columns)
 
 
-def refused(match, formula="~ sex + age", cases=IDS, **columns) -> None:
+def refused(match: Any, formula: Any = "~ sex + age", cases: Any = IDS, **columns: Any) -> None:
     with pytest.raises(StudyError, match=match):
         design_of(formula, matched_to_cases(table(**columns), cases))
 
@@ -81,7 +82,7 @@ def test_covariates_that_say_nothing_are_refused() -> None:
 
 
 @pytest.mark.parametrize("formula", ["~ sex +* age", "~ (sex", "sex ~ age ~ site"])
-def test_formulas_that_cannot_be_read_are_refused(formula) -> None:
+def test_formulas_that_cannot_be_read_are_refused(formula: str) -> None:
     refused(r"formula .* can't be", formula)
 
 

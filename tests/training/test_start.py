@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -22,26 +23,26 @@ SMALL = TrainingSettings(
 
 
 @pytest.fixture(scope="module")
-def bases():
+def bases() -> Any:
     return [basis_of(blob(index)) for index in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
-def trained(bases, tmp_path_factory: pytest.TempPathFactory):
+def trained(bases: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     matcher = train_networks(bases, SMALL, seed=4)
     path = tmp_path_factory.mktemp("start") / "matcher.pt"
     matcher.save(path)
     return matcher, path
 
 
-def test_no_steps_leave_the_weights_as_they_start(bases, trained) -> None:
+def test_no_steps_leave_the_weights_as_they_start(bases: Any, trained: Any) -> None:
     matcher, path = trained
     same = train_networks(bases, SMALL.model_copy(update={"start": str(path), "steps": 0}), seed=9)
     shape = matcher.shape(bases[0])
     assert torch.equal(matcher.features(shape), same.features(shape))
 
 
-def test_steps_from_given_weights_begin_where_those_ended(bases, trained) -> None:
+def test_steps_from_given_weights_begin_where_those_ended(bases: Any, trained: Any) -> None:
     _, path = trained
     fresh, started = [], []
     go_on = SMALL.model_copy(update={"start": str(path)})
@@ -55,7 +56,7 @@ def test_steps_from_given_weights_begin_where_those_ended(bases, trained) -> Non
 
 
 def test_training_that_goes_on_does_not_read_its_start_again(
-    bases, trained, tmp_path: Path
+    bases: Any, trained: Any, tmp_path: Path
 ) -> None:
     """The weights stand in the checkpoint; the file that training began from may be gone."""
     _, path = trained
@@ -70,7 +71,9 @@ def test_training_that_goes_on_does_not_read_its_start_again(
     assert torch.equal(whole.features(shape), resumed.features(shape))
 
 
-def test_a_matcher_has_seen_the_shapes_of_its_starting_weights_too(bases, trained) -> None:
+def test_a_matcher_has_seen_the_shapes_of_its_starting_weights_too(
+    bases: Any, trained: Any
+) -> None:
     _, path = trained
     new = [basis_of(blob(index)) for index in (3, 4)]  # blob3 twice: once in the list
     settings = SMALL.model_copy(update={"start": str(path), "checkpoint_every": 2})
@@ -81,7 +84,9 @@ def test_a_matcher_has_seen_the_shapes_of_its_starting_weights_too(bases, traine
     assert resumed.trained_on == matcher.trained_on
 
 
-def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path: Path) -> None:
+def test_packed_weights_are_smaller_and_nearly_the_same(
+    bases: Any, trained: Any, tmp_path: Path
+) -> None:
     matcher, path = trained
     matcher.save(tmp_path / "packed.pt", packed=True)
     assert (tmp_path / "packed.pt").stat().st_size < 0.7 * path.stat().st_size
@@ -91,7 +96,7 @@ def test_packed_weights_are_smaller_and_nearly_the_same(bases, trained, tmp_path
 
 
 @pytest.mark.parametrize("features", ["wks", "xyz+wks"])
-def test_the_built_in_weights_fit_the_default_networks(features) -> None:
+def test_the_built_in_weights_fit_the_default_networks(features: str) -> None:
     settings = TrainingSettings(start="built-in", matching=MatchingSettings(features=features))
     refuse_other_networks(settings)
     assert load_matcher(settings.start_file).eigenpairs == BUILT_IN_EIGENPAIRS
@@ -117,7 +122,7 @@ def test_the_built_in_weights_match_shapes_never_seen() -> None:
         ({"start": "built-in"}, "have matching.descriptors=128, not 16"),
     ],
 )
-def test_what_cannot_be_started_from_is_said(change, said) -> None:
+def test_what_cannot_be_started_from_is_said(change: Any, said: str) -> None:
     with pytest.raises(StudyError, match=said):
         refuse_other_networks(SMALL.model_copy(update=change))
 
@@ -129,7 +134,7 @@ def test_a_file_that_is_no_matcher_is_refused(tmp_path: Path) -> None:
         refuse_other_networks(SMALL.model_copy(update={"start": str(path)}))
 
 
-def test_weights_of_other_eigenpairs_are_refused(bases, trained) -> None:
+def test_weights_of_other_eigenpairs_are_refused(bases: Any, trained: Any) -> None:
     _, path = trained
     more = [basis_of(blob(index), eigenpairs=30) for index in (1, 2)]
     with pytest.raises(StudyError, match="these shapes have 30, which changes every network input"):

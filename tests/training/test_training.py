@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -37,20 +38,20 @@ SETTINGS = TrainingSettings(
 
 
 @pytest.fixture(scope="module")
-def bases():
+def bases() -> Any:
     return [basis_of(blob(seed, faces=300)) for seed in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
-def matcher(bases):
+def matcher(bases: Any) -> Any:
     return train_networks(bases, SETTINGS, seed=5)
 
 
-def weights_of(matcher):
+def weights_of(matcher: Any) -> Any:
     return torch.cat([p.flatten() for p in matcher.networks.features.parameters()])
 
 
-def test_the_loss_goes_down(bases) -> None:
+def test_the_loss_goes_down(bases: Any) -> None:
     losses = []
     longer = SETTINGS.model_copy(
         update={"steps": 60, "time_steps": (1,), "time_step_shares": (1.0,)}
@@ -59,12 +60,12 @@ def test_the_loss_goes_down(bases) -> None:
     assert sum(losses[-6:]) < 0.7 * sum(losses[:6])
 
 
-def test_same_seed_same_bits_and_other_seed_others(bases, matcher) -> None:
+def test_same_seed_same_bits_and_other_seed_others(bases: Any, matcher: Any) -> None:
     assert torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=5)))
     assert not torch.equal(weights_of(matcher), weights_of(train_networks(bases, SETTINGS, seed=6)))
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path: Path) -> None:
+def test_a_stopped_run_goes_on_to_the_same_bits(bases: Any, matcher: Any, tmp_path: Path) -> None:
     checkpoints = []
     train_networks(
         bases,
@@ -80,7 +81,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(bases, matcher, tmp_path: Path) 
     assert torch.equal(weights_of(matcher), weights_of(resumed))
 
 
-def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path: Path) -> None:
+def test_a_stored_matcher_is_the_same(bases: Any, matcher: Any, tmp_path: Path) -> None:
     matcher.save(tmp_path / "matcher.pt")
     loaded = load_matcher(tmp_path / "matcher.pt")
     assert loaded.settings == SETTINGS
@@ -90,7 +91,7 @@ def test_a_stored_matcher_is_the_same(bases, matcher, tmp_path: Path) -> None:
 
 
 def test_a_matcher_trained_on_other_inputs_is_refused(
-    bases, matcher, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bases: Any, matcher: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ssm_pipeline.matching import shape
 
@@ -106,7 +107,7 @@ def test_a_matcher_trained_on_other_inputs_is_refused(
         load_matcher(path)
 
 
-def test_shapes_with_other_eigenpairs_are_refused_before_training(bases) -> None:
+def test_shapes_with_other_eigenpairs_are_refused_before_training(bases: Any) -> None:
     mixed = [*bases, basis_of(blob(4, faces=300), eigenpairs=30)]
     with pytest.raises(StudyError, match="blob1 has 20 eigenpairs and blob4 has 30"):
         train_networks(mixed, SETTINGS, seed=0, on_step=lambda step, terms: pytest.fail("trained"))
@@ -128,7 +129,7 @@ def test_an_epoch_shows_every_pair_once() -> None:
     assert first != second
 
 
-def test_pairs_are_of_one_family(bases) -> None:
+def test_pairs_are_of_one_family(bases: Any) -> None:
     pairs = Pairs(["a", "b", "a", "b"], seed=0)
     assert sorted(pairs.at(index) for index in range(2)) == [(0, 2), (1, 3)]
     with pytest.raises(StudyError, match="at least 2 shapes"):
@@ -157,7 +158,7 @@ def test_schedules() -> None:
         TrainingSettings(time_steps=(1,), time_step_shares=(0.5,))
 
 
-def test_the_loss_of_a_pair_is_symmetric(bases, matcher) -> None:
+def test_the_loss_of_a_pair_is_symmetric(bases: Any, matcher: Any) -> None:
     networks = Networks.new(SETTINGS, 0)
     x, y = matcher.shape(bases[0]), matcher.shape(bases[1])
     forward, _, _ = pair_loss(x, y, networks, 2, SETTINGS)
@@ -165,7 +166,7 @@ def test_the_loss_of_a_pair_is_symmetric(bases, matcher) -> None:
     torch.testing.assert_close(forward, backward, rtol=1e-3, atol=1e-3)
 
 
-def test_without_the_spatial_loss_only_the_features_learn(bases) -> None:
+def test_without_the_spatial_loss_only_the_features_learn(bases: Any) -> None:
     settings = SETTINGS.spectral_only()
     rows: list[dict[str, float]] = []
     trained = train_networks(
@@ -181,16 +182,16 @@ def test_without_the_spatial_loss_only_the_features_learn(bases) -> None:
     assert not any(torch.equal(before, after) for before, after in features[:-1])  # not the bias
 
 
-def test_one_shape_is_too_few(bases) -> None:
+def test_one_shape_is_too_few(bases: Any) -> None:
     with pytest.raises(StudyError, match="at least 2 shapes; 1 found"):
         train_networks(bases[:1], SETTINGS, seed=0)
 
 
-def test_template_has_the_smallest_mean_loss(bases, matcher) -> None:
+def test_template_has_the_smallest_mean_loss(bases: Any, matcher: Any) -> None:
     name, table = choose_template(matcher, bases)
     shapes = [matcher.shape(basis) for basis in bases]
 
-    def loss(x, y):
+    def loss(x: Any, y: Any) -> Any:
         return float(pair_loss(shapes[x], shapes[y], matcher.networks, 1, matcher.settings)[0])
 
     with torch.no_grad():
@@ -201,7 +202,7 @@ def test_template_has_the_smallest_mean_loss(bases, matcher) -> None:
     assert name == bases[expected.index(min(expected))].case_id
 
 
-def test_path_runs_from_template_to_case_in_millimetres(bases, matcher) -> None:
+def test_path_runs_from_template_to_case_in_millimetres(bases: Any, matcher: Any) -> None:
     template, case = bases[:2]
     settings = AdaptationSettings(samples=2000, path_times=3)
     path = shape_path(template, case, matcher, settings)
@@ -216,7 +217,7 @@ def test_path_runs_from_template_to_case_in_millimetres(bases, matcher) -> None:
         path.at(1.2)
 
 
-def test_dropout_and_turns_are_drawn_by_seed_and_step(bases, tmp_path: Path) -> None:
+def test_dropout_and_turns_are_drawn_by_seed_and_step(bases: Any, tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(
         update={
             "turn_deg": 30.0,
@@ -263,7 +264,7 @@ def test_both_shapes_can_be_turned_together() -> None:
     assert (one.inputs - x.inputs).abs().max() > 1e-3
 
 
-def test_the_map_is_watched_now_and_then(bases) -> None:
+def test_the_map_is_watched_now_and_then(bases: Any) -> None:
     rows: list[dict[str, float]] = []
     settings = SETTINGS.model_copy(update={"watch_every": 4})
     train_networks(bases, settings, seed=5, on_step=lambda step, losses: rows.append(losses))
@@ -273,7 +274,7 @@ def test_the_map_is_watched_now_and_then(bases) -> None:
 
 
 @pytest.mark.parametrize("alone", [True, False])
-def test_gradients_are_clipped_network_by_network_or_together(alone) -> None:
+def test_gradients_are_clipped_network_by_network_or_together(alone: bool) -> None:
     networks = Networks.new(SETTINGS, 0)
     for factor, network in zip((10.0, 0.001), networks.both(), strict=True):
         for parameter in network.parameters():
@@ -315,7 +316,9 @@ def test_on_a_plateau_training_goes_on_at_the_next_t_and_ends_after_the_last() -
     assert next_place(flat, settings.model_copy(update={"patience": 0})) == 20
 
 
-def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(bases, tmp_path: Path) -> None:
+def test_a_training_that_ended_on_a_plateau_resumes_to_the_same_bits(
+    bases: Any, tmp_path: Path
+) -> None:
     settings = SETTINGS.model_copy(update={"steps": 60, "patience": 2, "checkpoint_every": 3})
     rows: list[dict[str, float]] = []
     whole = train_networks(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import nibabel
 import numpy as np
@@ -19,7 +20,13 @@ RAS = np.array([[1.6, 0, 0, -12], [0, 1.6, 0, -9], [0, 0, 2.0, 7], [0, 0, 0, 1.0
 INDEX = np.array([[0.0, 0, 0], [4, 5, 6]])
 
 
-def written(path: Path, sform=RAS, qform=None, codes=(1, 0), kind=nibabel.Nifti1Image) -> Path:
+def written(
+    path: Path,
+    sform: Any = RAS,
+    qform: Any = None,
+    codes: Any = (1, 0),
+    kind: Any = nibabel.Nifti1Image,
+) -> Path:
     image = kind(LABELS, sform)
     image.set_sform(sform, codes[0])
     image.set_qform(sform if qform is None else qform, codes[1])
@@ -100,7 +107,9 @@ def test_a_nifti_2_file_cut_short_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("off", [3e-5, -4e-4])
-def test_labels_that_are_nearly_whole_are_rounded_with_a_warning(tmp_path: Path, off) -> None:
+def test_labels_that_are_nearly_whole_are_rounded_with_a_warning(
+    tmp_path: Path, off: float
+) -> None:
     path = tmp_path / "a.nii.gz"
     nibabel.save(nibabel.Nifti1Image(LABELS * np.float32(1 + off), RAS), path)
     mask = read_organ(path, (1, 2), "a")

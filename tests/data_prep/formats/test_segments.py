@@ -3,6 +3,7 @@
 import dataclasses
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -252,7 +253,9 @@ def test_segments_of_an_older_file_are_its_components(tmp_path: Path) -> None:
         ("Segment0_Layer:=0\n", None, "no Segment0_LabelValue"),
     ],
 )
-def test_segments_without_a_place_are_refused(tmp_path: Path, keys, components, message) -> None:
+def test_segments_without_a_place_are_refused(
+    tmp_path: Path, keys: str, components: Any, message: str
+) -> None:
     path = older_seg_nrrd(tmp_path / "a.seg.nrrd", twelve_organs(), keys, components)
     with pytest.raises(CaseError, match=message):
         read_segments(path, ("organ 1",), "a")

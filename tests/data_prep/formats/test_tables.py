@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openpyxl
@@ -17,17 +18,17 @@ CELLS = [["case_id", "größe"], ["007", "50,5"], ["NA", "61,25"], ["Müller", "
 VALUES = [50.5, 61.25, 70.0]
 
 
-def in_text(separator, quoted=False):
+def in_text(separator: Any, quoted: Any = False) -> Any:
     mark = '"' if quoted else ""
     return "".join(separator.join(f"{mark}{cell}{mark}" for cell in row) + "\r\n" for row in CELLS)
 
 
-def written(folder, content, name="a.csv"):
+def written(folder: Any, content: Any, name: Any = "a.csv") -> Any:
     (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     return folder / name
 
 
-def workbook(folder, rows, name="a.xlsx", **sheets):
+def workbook(folder: Any, rows: Any, name: Any = "a.xlsx", **sheets: Any) -> Any:
     book = openpyxl.Workbook()
     for row in rows:
         book.active.append(row)
@@ -56,7 +57,7 @@ def workbook(folder, rows, name="a.xlsx", **sheets):
     ],
 )
 @pytest.mark.parametrize("name", ["a.csv", "a.tsv", "a.txt"])
-def test_the_same_table_in_every_form_is_the_same(content, name, tmp_path: Path) -> None:
+def test_the_same_table_in_every_form_is_the_same(content: Any, name: str, tmp_path: Path) -> None:
     table = read_table(written(tmp_path, content, name))
     assert list(table.columns) == CELLS[0]
     assert table["case_id"].tolist() == ["007", "NA", "Müller"]
@@ -80,7 +81,7 @@ def test_zeros_that_a_workbook_shows_are_kept(tmp_path: Path) -> None:
 
 
 def test_what_has_no_single_reading_is_refused_with_the_place(tmp_path: Path) -> None:
-    def refused(match, content) -> None:
+    def refused(match: Any, content: Any) -> None:
         with pytest.raises(StudyError, match=match):
             read_table(written(tmp_path, content))
 
@@ -112,7 +113,7 @@ def test_a_quoted_separator_in_a_name_is_no_separator(tmp_path: Path) -> None:
     }
 
 
-def column(*cells):
+def column(*cells: Any) -> Any:
     return pd.Series(cells, index=range(2, 2 + len(cells)), name="age", dtype=object)
 
 
@@ -140,7 +141,7 @@ def test_decimal_commas_are_numbers_unless_they_may_be_thousands() -> None:
     ("odd", "what"),
     [(">89", "is no number"), ("50,5", "has another decimal sign"), ("5o", "is no number")],
 )
-def test_a_cell_that_is_no_number_among_numbers_is_refused(odd, what) -> None:
+def test_a_cell_that_is_no_number_among_numbers_is_refused(odd: str, what: str) -> None:
     with pytest.raises(
         StudyError, match=f"the column age holds numbers, but '{odd}' in row 4 {what}"
     ):

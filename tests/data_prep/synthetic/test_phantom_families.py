@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pymeshlab
@@ -49,7 +50,7 @@ def cohort(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 @pytest.mark.parametrize(
     ("family", "litres", "vertices"), [("lung", (2.0, 3.2), 9000), ("tube", (2e-3, 4e-3), 3500)]
 )
-def test_the_mean_is_a_closed_organ_of_real_size(family, litres, vertices) -> None:
+def test_the_mean_is_a_closed_organ_of_real_size(family: str, litres: Any, vertices: int) -> None:
     made = family_named(family)
     assert len(made.vertices) == pytest.approx(vertices, rel=0.2)
     assert is_oriented_manifold(made.faces)
@@ -69,7 +70,7 @@ def test_the_mean_lung_is_not_star_shaped() -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("seed", DEVELOPMENT)
-def test_at_most_a_third_is_affine(family, seed: int) -> None:
+def test_at_most_a_third_is_affine(family: Any, seed: int) -> None:
     # Every tenth vertex: the same share to within a percent, in a tenth of the time.
     cases = draw_cases(thinned(family, 10), PhantomSettings(family=family, cases=10, seed=seed))
     assert affine_share(np.stack([case.vertices for case in cases])) < 1 / 3
@@ -99,7 +100,7 @@ def test_the_check_sees_a_surface_that_meets_itself() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_no_case_is_folded_and_each_has_a_residual_of_its_own(family) -> None:
+def test_no_case_is_folded_and_each_has_a_residual_of_its_own(family: Any) -> None:
     settings = PhantomSettings(family=family, cases=3, seed=2)
     made = family_named(family)
     truth = draw_truth(settings)

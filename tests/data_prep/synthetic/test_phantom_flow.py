@@ -1,5 +1,7 @@
 """Flows: exact on fields whose flow is known, undone by the reverse, without folds."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from ssm_pipeline.data_prep.synthetic.phantom_flow import (
 )
 
 
-def jacobians(move, points: np.ndarray, step: float = 1e-4) -> np.ndarray:
+def jacobians(move: Any, points: np.ndarray, step: float = 1e-4) -> np.ndarray:
     """(V, 3, 3) by central differences."""
     columns = [(move(points + o) - move(points - o)) / (2 * step) for o in step * np.eye(3)]
     return np.stack(columns, axis=2)

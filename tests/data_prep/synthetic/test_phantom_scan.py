@@ -48,7 +48,7 @@ def test_noise_stays_at_the_border_and_leaves_the_volume() -> None:
 
 
 @pytest.mark.parametrize("is_bridge", [True, False])
-def test_a_bridge_and_a_tunnel_each_make_one_handle(is_bridge) -> None:
+def test_a_bridge_and_a_tunnel_each_make_one_handle(is_bridge: bool) -> None:
     grid = grid_around(VERTICES, (1.0, 1.0, 1.0), np.zeros(3) + 12)
     share = occupancy(VERTICES, FACES, grid)
     outward = -12.0 if is_bridge else 12.0
