@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import igl
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
@@ -13,7 +16,21 @@ from ssm_pipeline.records import Mesh
 _RESTARTS = 3  # roots tried along the loop found so far
 
 
-def cut_handles(mesh: Mesh) -> tuple[Mesh, int]:
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """A handle that was cut.
+
+    loop_mm     length of the loop along which the surface was cut.
+    centre_mm   (3,) the middle of the loop.
+    is_filled   True if the hole was filled, False if the bridge around it was cut.
+    """
+
+    loop_mm: float
+    centre_mm: np.ndarray
+    is_filled: bool
+
+
+def cut_handles(mesh: Mesh) -> tuple[Mesh, tuple[Handle, ...]]:
     """Cut the surface along its shortest non-separating loops until it has genus 0.
 
     A loop around a thin bridge cuts the bridge; a loop around a hole fills the hole: the shorter
@@ -24,16 +41,21 @@ def cut_handles(mesh: Mesh) -> tuple[Mesh, int]:
         mesh: One closed, oriented manifold piece.
 
     Returns:
-        The mesh and the number of cuts (its genus before).
+        The mesh, and what was cut: as many handles as the genus before.
 
     Source: the loops are those of a tree-cotree decomposition (Eppstein 2003; Erickson and
     Whittlesey 2005), the shortest of a few roots rather than of all.
     """
-    cuts = 0
+    handles = []
     while euler_number(mesh.faces) < 2:
-        mesh = _cut_along(mesh, _short_loop(mesh))
-        cuts += 1
-    return mesh, cuts
+        loop = _short_loop(mesh)
+        points = mesh.vertices[loop]
+        steps = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
+        centre = points.mean(axis=0)
+        inside = igl.winding_number(mesh.vertices, mesh.faces, centre[None])[0] > 0.5
+        handles.append(Handle(float(steps.sum()), centre, not inside))
+        mesh = _cut_along(mesh, loop)
+    return mesh, tuple(handles)
 
 
 def _short_loop(mesh: Mesh) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.geometry.distances import SurfaceDistance, SurfaceTarget, surface_distance
 from ssm_pipeline.geometry.surface import area, sample_points, volume
 from ssm_pipeline.geometry.topology import boundary_loop_count, euler_number, min_angle_deg
+from ssm_pipeline.meshing.losses import Piece
 from ssm_pipeline.meshing.organ import Cleaning
 from ssm_pipeline.records import Mask, Mesh
 
@@ -22,17 +24,21 @@ _SAMPLES = 10_000
 class MeshQuality:
     """What the report says of one case's mesh.
 
-    Attributes:
-        euler_number: 2 for a topological sphere; handles_cut were taken away to get there.
-        mask_volume_ml: Of the mask as read; of a surface, once its holes are closed. The change is
-            the mesh's against it.
-        pieces, left_out_ml, cavities_filled_ml: What the mask fell into, and what of it was left
-            out or filled to make one solid organ.
-        surface_mean_mm, surface_hd95_mm: Symmetric distance between the mesh and what it was made
-            of: mean and 95th percentile over both directions. Of a mask, the outer faces of the
-            organ's voxels.
-        voxel_mm, smoothing_mm: Of the grid between mask and mesh; of a surface, NaN and 0.
-        warnings: What was left out, filled or mended, in words, where it is worth a look.
+    euler_number       2 for a topological sphere; handles_cut were taken away to get there.
+    mask_volume_ml     of the mask as read; of a surface, once its holes are closed. The change
+                       is the mesh's against it.
+    pieces, left_out_ml, cavities_filled_ml   what the mask fell into, and what of it was left out
+                       or filled to make one solid organ.
+    surface_mean_mm, surface_hd95_mm   symmetric distance between the mesh and what it was made
+                       of: mean and 95th percentile over both directions. Of a mask, the outer
+                       faces of the organ's voxels.
+    surface_max_mm     largest distance from the surface that the mesh was made of to the mesh; of a
+                       mask, from its voxels outside the mesh and sampled voxel faces.
+    lost_piece_ml, lost_piece_mm   the largest connected part of the mask that the mesh lacks: its
+                       volume beyond the blur's sigma, and how far it reaches from the mesh.
+    voxel_mm, smoothing_mm   of the grid between mask and mesh; of a surface, NaN and 0.
+    warnings           in words: what was left out, filled, lost or repaired, where it is worth a
+                       look.
     """
 
     vertices: int
@@ -50,6 +56,9 @@ class MeshQuality:
     cavities_filled_ml: float = 0.0
     surface_mean_mm: float
     surface_hd95_mm: float
+    surface_max_mm: float
+    lost_piece_ml: float = 0.0
+    lost_piece_mm: float = 0.0
     voxel_mm: float = np.nan
     smoothing_mm: float = 0.0
     warnings: tuple[str, ...]
@@ -64,10 +73,12 @@ def measure_quality(
     smoothing_mm: float,
 ) -> MeshQuality:
     """Measure a mesh against the organ it was made from."""
-    distances = mesh_to_mask_distances(mesh, organ)
+    from_mesh, from_mask = mesh_to_mask_distances(mesh, organ)
+    distances = np.concatenate([from_mesh, from_mask])
     distance = SurfaceDistance(float(distances.mean()), float(np.percentile(distances, 95)))
+    largest = float(from_mask.max())
     return dataclasses.replace(
-        _quality(mesh, cleaning.given, distance, handles_cut, cleaning.warnings),
+        _quality(mesh, cleaning.given, distance, largest, handles_cut, cleaning.warnings),
         pieces=cleaning.pieces,
         left_out_ml=cleaning.left_out / 1000,
         cavities_filled_ml=cleaning.filled / 1000,
@@ -76,21 +87,36 @@ def measure_quality(
     )
 
 
+def with_losses(quality: MeshQuality, lost: tuple[Piece, ...], told: Sequence[str]) -> MeshQuality:
+    """The quality with the largest lost piece of the mask, and further warnings."""
+    depth = max((piece.depth_mm for piece in lost), default=0.0)
+    return dataclasses.replace(
+        quality,
+        surface_max_mm=max(quality.surface_max_mm, depth),
+        lost_piece_ml=lost[0].volume_ml if lost else 0.0,
+        lost_piece_mm=lost[0].depth_mm if lost else 0.0,
+        warnings=(*quality.warnings, *told),
+    )
+
+
 def measure_surface_quality(
     mesh: Mesh, surface: Mesh, handles_cut: int, told: tuple[str, ...]
 ) -> MeshQuality:
-    """Measure a mesh against the closed surface it was made from; `told`: how that was mended."""
+    """Measure a mesh against the closed surface it was made from; `told`: how it was repaired."""
     distance = surface_distance(
         SurfaceTarget.of(mesh.vertices, mesh.faces),
         SurfaceTarget.of(surface.vertices, surface.faces),
     )
-    return _quality(mesh, volume(surface.vertices, surface.faces), distance, handles_cut, told)
+    largest = float(closest_points(surface.vertices, mesh.vertices, mesh.faces).distances.max())
+    given_mm3 = volume(surface.vertices, surface.faces)
+    return _quality(mesh, given_mm3, distance, largest, handles_cut, told)
 
 
 def _quality(
     mesh: Mesh,
     given_mm3: float,
     distance: SurfaceDistance,
+    largest_mm: float,
     handles_cut: int,
     warnings: tuple[str, ...],
 ) -> MeshQuality:
@@ -109,12 +135,13 @@ def _quality(
         volume_change_percent=100 * (volume_mm3 / given_mm3 - 1),
         surface_mean_mm=distance.mean,
         surface_hd95_mm=distance.hd95,
+        surface_max_mm=largest_mm,
         warnings=warnings,
     )
 
 
-def mesh_to_mask_distances(mesh: Mesh, organ: Mask) -> np.ndarray:
-    """(≤ 20 000,) mm: evenly sampled distances mesh → voxel faces and voxel faces → mesh."""
+def mesh_to_mask_distances(mesh: Mesh, organ: Mask) -> tuple[np.ndarray, np.ndarray]:
+    """(≤ 10 000,) mm each: evenly sampled distances mesh → voxel faces, voxel faces → mesh."""
     centres, half_sizes = _voxel_faces(organ)
     stride = max(1, len(centres) // _SAMPLES)
     world = centres[::stride] @ organ.direction.T + organ.origin_mm
@@ -122,11 +149,12 @@ def mesh_to_mask_distances(mesh: Mesh, organ: Mask) -> np.ndarray:
     generator = np.random.default_rng(0)  # the same points at every measurement of a mesh
     samples = sample_points(mesh.vertices, mesh.faces, _SAMPLES, generator)
     local = (samples - organ.origin_mm) @ organ.direction
-    _, nearest = cKDTree(centres).query(local, k=8, workers=-1)
+    count = min(8, len(centres))
+    _, nearest = cKDTree(centres).query(local, k=count, workers=-1)
     # Exact distance to each of the eight nearest rectangles: thick slices have large ones.
     gap = np.abs(local[:, None] - centres[nearest]) - half_sizes[nearest]
     mesh_to_mask = np.linalg.norm(np.maximum(gap, 0), axis=2).min(axis=1)
-    return np.concatenate([mesh_to_mask, mask_to_mesh])
+    return mesh_to_mask, mask_to_mesh
 
 
 def _voxel_faces(organ: Mask) -> tuple[np.ndarray, np.ndarray]:

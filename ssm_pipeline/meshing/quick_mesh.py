@@ -21,5 +21,6 @@ def quick_mesh(case: Mask | Surface, settings: MeshingSettings) -> tuple[Mesh, M
     coarse = settings.model_copy(update={"faces": min(FACES, settings.faces)})
     if isinstance(case, Surface):
         return mesh_from_surface(case, coarse)
-    step = max(STEP * case.volume_mm3 ** (1 / 3), 0.1)
+    length_mm = case.volume_mm3 ** (1 / 3)
+    step = min(max(STEP * length_mm, 0.1), 0.1 * length_mm)  # an organ below 1 mm: no 0.1 mm
     return mesh_with_quality(case, coarse.model_copy(update={"voxel_mm": step}))

@@ -5,21 +5,25 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pymeshlab
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ssm_pipeline.counting import counted
 from ssm_pipeline.geometry.surface import area, face_areas, volume
 from ssm_pipeline.geometry.topology import boundary_edges, face_components, is_oriented_manifold
 from ssm_pipeline.records import CaseError, Mesh, Surface
 
-TOLD_PERCENT = 1.0  # of the surface: smaller stray pieces are left out without a word
+TOLD_PERCENT = 1.0  # of the surface: smaller stray pieces are left out without a message
+WELD = 1e-5  # of the surface's diagonal: open edges nearer than that are one edge
 KNOTTED_PERCENT = 5.0  # of the triangles: more that cut through others have no inside
 
 
 def repair(surface: Surface, hole_percent: float) -> tuple[Mesh, tuple[str, ...]]:
-    """The largest piece of a surface, closed and oriented outward, and what was done, in words.
+    """The largest piece of a surface, closed and oriented outward, and what was done.
 
-    Equal vertices are merged, triangles without area and doubled ones dropped, knots (edges of
-    three triangles) cut out, faces turned to agree, holes up to `hole_percent` of the surface's
+    Equal and nearly equal vertices are merged, triangles without area and duplicates dropped, edges
+    of three triangles cut out, faces oriented alike, holes up to `hole_percent` of the surface's
     area closed by a fan.
 
     Raises:
@@ -51,12 +55,12 @@ def repair(surface: Surface, hole_percent: float) -> tuple[Mesh, tuple[str, ...]
     if enclosed < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
         if _volume_as_given(surface) < 0:
-            told.append("the faces looked inward and were turned around")
+            told.append("the faces pointed inward and were reversed")
     if not is_oriented_manifold(faces):
         raise CaseError(
             case_id,
-            "the surface is not closed and two-sided even after repair (a Möbius band, or knots). "
-            "Repair it, as with MeshLab, or make it anew from the mask.",
+            "the surface is not closed and two-sided even after repair (a Möbius band, or "
+            "edges of three triangles). Repair it with MeshLab, or make it again from the mask.",
         )
     if abs(enclosed) < 1e-3 * area(vertices, faces) ** 1.5 / 10:
         raise CaseError(
@@ -70,7 +74,7 @@ def repair(surface: Surface, hole_percent: float) -> tuple[Mesh, tuple[str, ...]
         raise CaseError(
             case_id,
             f"{knotted:.0f} % of the triangles cut through others; at most {KNOTTED_PERCENT:g} % "
-            "are taken. Repair the surface, or make it anew from the mask.",
+            "are taken. Repair the surface, or make it again from the mask.",
         )
     if knotted > 0:
         told.append(f"{knotted:.2g} % of the triangles cut through others")
@@ -85,14 +89,38 @@ def self_intersections(mesh: Mesh) -> int:
 
 
 def _plain_triangles(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Equal vertices merged; triangles with two equal corners, or given twice, dropped."""
+    """Equal vertices merged; triangles with two equal corners, or given twice, dropped.
+
+    Vertices along open edges are also merged within WELD of the surface's size: a file of
+    separate triangles, written after a transform, has corners that differ in the last digit.
+    """
     vertices, inverse = np.unique(vertices, axis=0, return_inverse=True)
-    faces = inverse.ravel()[faces]
+    faces = _distinct(inverse.ravel()[faces])
+    if len(faces) == 0:
+        return vertices, faces
+    open_edges = boundary_edges(faces)
+    if len(open_edges) == 0:
+        return vertices, faces
+    lengths = np.linalg.norm(vertices[open_edges[:, 0]] - vertices[open_edges[:, 1]], axis=1)
+    size = np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0))
+    tolerance = min(WELD * float(size), 0.1 * float(np.median(lengths)))
+    on_edge = np.unique(open_edges)
+    pairs = cKDTree(vertices[on_edge]).query_pairs(tolerance, output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices, faces
+    graph = sp.coo_array((np.ones(len(pairs), bool), on_edge[pairs].T), shape=(len(vertices),) * 2)
+    group = connected_components(graph, directed=False)[1]
+    _, first = np.unique(group, return_index=True)
+    return vertices[first], _distinct(group[faces])
+
+
+def _distinct(faces: np.ndarray) -> np.ndarray:
+    """The triangles with three different corners, each once."""
     ordered = np.sort(faces, axis=1)
     proper = (np.diff(ordered, axis=1) != 0).all(axis=1)
     faces, ordered = faces[proper], ordered[proper]
     _, first = np.unique(ordered, axis=0, return_index=True)
-    return vertices, faces[np.sort(first)]
+    return faces[np.sort(first)]
 
 
 def _without_knots(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -141,9 +169,9 @@ def _close_holes(
         raise CaseError(
             case_id,
             f"the surface has {counted(len(loops), 'hole')}, {large} of them large: the largest "
-            f"would be "
-            f"{max(shares):.1f} % of the surface, and up to {hole_percent:g} % are closed. Close "
-            "it, as the organ is not whole, or raise meshing.hole_percent.",
+            f"would be {max(shares):.1f} % of the surface; holes up to {hole_percent:g} % are "
+            "closed. A large hole often means that the organ is cut off. Close it, or raise "
+            "meshing.hole_percent.",
         )
     if fans:
         vertices = np.vstack([vertices, centres])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import directed_edges
 from ssm_pipeline.meshing.decimation import decimate, reduce_fast
-from ssm_pipeline.meshing.handles import cut_handles
+from ssm_pipeline.meshing.handles import Handle, cut_handles
+from ssm_pipeline.meshing.loss_texts import handle_texts
 from ssm_pipeline.meshing.quality import MeshQuality, measure_surface_quality
 from ssm_pipeline.meshing.repair import repair
 from ssm_pipeline.meshing.settings import MeshingSettings
@@ -23,13 +25,14 @@ def mesh_from_surface(surface: Surface, settings: MeshingSettings) -> tuple[Mesh
     """
     whole, told = repair(surface, settings.hole_percent)
     fine = reduce_fast(whole, settings.fast_faces)
-    handles_cut = 0
+    handles: tuple[Handle, ...] = ()
     if settings.cut_handles:
-        fine, handles_cut = cut_handles(fine)
+        fine, handles = cut_handles(fine)
     while len(fine.faces) < 2 * settings.faces:  # twice: decimation then places them evenly
         fine = subdivide(fine)
     mesh = decimate(fine, settings.faces)
-    return mesh, measure_surface_quality(mesh, whole, handles_cut, told)
+    told += handle_texts(handles, volume(whole.vertices, whole.faces))
+    return mesh, measure_surface_quality(mesh, whole, len(handles), told)
 
 
 def subdivide(mesh: Mesh) -> Mesh:

@@ -49,6 +49,8 @@ _STEMS = {
     "geodesic_p95": "95th percentile of the geodesic error",
     "geodesic_x100": "mean geodesic error × 100 / √area",
     "off_surface": "distance off the true surface",
+    "lost_piece": "largest part lost",
+    "surface_max": "largest",
     "found_4_in_5": "found four times in five",
 }
 # Neighbouring columns of one of these beginnings share a heading above.
@@ -79,6 +81,9 @@ _EXPLANATIONS = {
     "procrustes_p": "by permutation, of all coordinates in millimetres",
     "explained": "of the variance that the other terms leave",
     "found_4_in_5": "the smallest difference that this number of cases finds four times in five",
+    "surface_max": "largest distance from the surface of the mask, or of the file, to the mesh",
+    "lost_piece": "largest connected part of the mask that the mesh lacks, and how far it reaches",
+    "handles_cut": "rings and bridges that were cut open; meshing.cut_handles: false keeps them",
     "variance": "share of the method's own variance that these modes hold",
 }
 

@@ -22,7 +22,7 @@ STAGES: tuple[Stage[StudySettings], ...] = (
         list_cases,
         data_dependencies,
     ),
-    Stage("meshing", make_meshes, meshing_dependencies, needs=("data",), version=2),
+    Stage("meshing", make_meshes, meshing_dependencies, needs=("data",), version=3),
     Stage("cohort_check", check_meshes, lambda s: {"seed": s.seed}, needs=("meshing",), version=3),
     Stage(
         "spectral",

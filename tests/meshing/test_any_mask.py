@@ -51,6 +51,11 @@ def is_sound(mesh: Mesh) -> None:
     assert volume(mesh.vertices, mesh.faces) > 0
 
 
+def share_made(examples: list[bool]) -> float:
+    """The share of examples that gave a mesh; a test that only sees refusals shows nothing."""
+    return sum(examples) / len(examples)
+
+
 def few(voxel_mm: float) -> MeshingSettings:
     return MeshingSettings(faces=300, voxel_mm=voxel_mm, smoothing_mm=0.7 * voxel_mm)
 
@@ -117,28 +122,35 @@ BOX = trimesh.creation.box()
 SPHERE = trimesh.creation.icosphere(2, radius=20.0)
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    kept=st.sampled_from([0.5, 0.9, 0.99, 1.0]),
-    turned=st.sampled_from([0.0, 0.1, 1.0]),
-    doubled=st.integers(0, 8),
-    joined=st.integers(0, 6),
-    noise_mm=st.sampled_from([0.0, 1e-6, 0.5, 10.0]),
-)
-def test_any_surface_gives_a_closed_mesh_or_a_reason(
-    seed: int, kept: Any, turned: Any, doubled: Any, joined: Any, noise_mm: Any
-) -> None:
+def test_any_surface_gives_a_closed_mesh_or_a_reason() -> None:
     """A sphere whose triangles are missing, turned, doubled, and whose vertices are moved."""
-    generator = np.random.default_rng(seed)
-    faces = np.array(SPHERE.faces)
-    faces = faces[generator.random(len(faces)) < kept]
-    inward = generator.random(len(faces)) < turned
-    faces[inward] = faces[inward, ::-1]
-    faces = np.vstack([faces, faces[generator.integers(len(faces), size=doubled)]])
-    vertices = SPHERE.vertices + noise_mm * generator.standard_normal(SPHERE.vertices.shape)
-    onto = generator.integers(len(vertices), size=(2, joined))
-    vertices[onto[0]] = vertices[onto[1]]
-    mesh = made(lambda: mesh_from_surface(Surface(vertices, faces, "any"), FEW)[0])
-    if mesh is not None:
-        is_sound(mesh)
+    meshed: list[bool] = []
+
+    @settings(max_examples=25, deadline=None)
+    @given(
+        seed=st.integers(0, 2**32 - 1),
+        kept=st.sampled_from([0.5, 0.9, 0.99, 1.0]),
+        turned=st.sampled_from([0.0, 0.1, 1.0]),
+        doubled=st.integers(0, 8),
+        joined=st.integers(0, 6),
+        noise_mm=st.sampled_from([0.0, 1e-6, 0.5, 10.0]),
+    )
+    def try_one(
+        seed: int, kept: Any, turned: Any, doubled: Any, joined: Any, noise_mm: Any
+    ) -> None:
+        generator = np.random.default_rng(seed)
+        faces = np.array(SPHERE.faces)
+        faces = faces[generator.random(len(faces)) < kept]
+        inward = generator.random(len(faces)) < turned
+        faces[inward] = faces[inward, ::-1]
+        faces = np.vstack([faces, faces[generator.integers(len(faces), size=doubled)]])
+        vertices = SPHERE.vertices + noise_mm * generator.standard_normal(SPHERE.vertices.shape)
+        onto = generator.integers(len(vertices), size=(2, joined))
+        vertices[onto[0]] = vertices[onto[1]]
+        mesh = made(lambda: mesh_from_surface(Surface(vertices, faces, "any"), FEW)[0])
+        meshed.append(mesh is not None)
+        if mesh is not None:
+            is_sound(mesh)
+
+    try_one()
+    assert share_made(meshed) > 0.1

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from mask_shapes import ball, mask_of, torus
 from scipy.spatial.transform import Rotation
 
@@ -121,6 +122,20 @@ def test_strong_smoothing_keeps_the_volume() -> None:
     assert quality.volume_change_percent == pytest.approx(0, abs=0.1)
 
 
+def test_laplacian_steps_smooth_the_surface() -> None:
+    """More steps leave smaller angles between neighbouring triangles."""
+
+    def bend(steps: int) -> float:
+        mesh, _ = mesh_with_quality(
+            mask_of(ball(10), 14),
+            MeshingSettings(faces=2000, smoothing_mm=0.3, laplacian_steps=steps),
+        )
+        surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        return float(surface.face_adjacency_angles.mean())
+
+    assert bend(50) < 0.8 * bend(0)
+
+
 def test_an_organ_on_the_image_border_is_closed() -> None:
     mask = mask_of(lambda p: p[..., 2] > -5, 12)
     _, quality = mesh_with_quality(mask, COARSE)
@@ -146,7 +161,7 @@ def test_empty_mask_is_refused_by_name() -> None:
 
 
 def test_a_grid_too_fine_for_memory_is_refused() -> None:
-    with pytest.raises(CaseError, match="Raise voxel_mm"):
+    with pytest.raises(CaseError, match=r"Raise meshing\.voxel_mm"):
         mesh_with_quality(mask_of(ball(20), 25), MeshingSettings(voxel_mm=0.01))
 
 

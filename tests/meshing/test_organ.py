@@ -1,5 +1,7 @@
 """What cleaning a mask leaves out is told, and measured on the mask as it was."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from mask_shapes import ball, mask_of
@@ -36,3 +38,15 @@ def test_a_plain_organ_has_nothing_to_tell() -> None:
     _, cleaning = keep_organ(mask_of(ball(10), 14))
     assert cleaning.warnings == ()
     assert (cleaning.left_out, cleaning.filled) == (0, 0)
+
+
+def test_the_largest_piece_has_the_most_voxels_not_the_largest_box() -> None:
+    """A thin streak across the image beside a ball: the ball is the organ."""
+    ball_only = mask_of(ball(10), 30)
+    voxels = ball_only.voxels.copy()
+    z = np.arange(40)
+    voxels[z, z, 60 - z] = True
+    voxels[18:45, 18:45, 18:45] = ball_only.voxels[18:45, 18:45, 18:45]
+    organ, cleaning = keep_organ(dataclasses.replace(ball_only, voxels=voxels))
+    assert cleaning.pieces > 1
+    assert organ.volume_mm3 == ball_only.volume_mm3

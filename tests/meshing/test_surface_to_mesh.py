@@ -53,10 +53,29 @@ def test_loose_triangles_are_joined() -> None:
     assert volume(mesh.vertices, mesh.faces) == pytest.approx(volume(BALL.vertices, BALL.faces))
 
 
+def test_corners_that_differ_in_the_last_digit_are_joined() -> None:
+    """An STL written after a transform: its equal corners differ by rounding errors."""
+    soup = soup_of(BALL)
+    for jitter_mm in (1e-6, 1e-4):  # of a surface of about 100 mm
+        noise = np.random.default_rng(0).normal(0, jitter_mm, soup.vertices.shape)
+        mesh, told = repair(Surface(soup.vertices + noise, soup.faces, "case_7"), 1.0)
+        assert told == ()
+        assert len(mesh.vertices) == len(BALL.vertices)
+        assert len(mesh.faces) == len(BALL.faces)
+
+
+def test_a_gap_is_not_welded() -> None:
+    """Corners that lie apart by a visible distance stay apart: the surface is refused."""
+    soup = soup_of(BALL)
+    noise = np.random.default_rng(0).normal(0, 0.1, soup.vertices.shape)
+    with pytest.raises(CaseError, match="case_7"):
+        repair(Surface(soup.vertices + noise, soup.faces, "case_7"), 1.0)
+
+
 def test_faces_that_look_inward_and_each_their_own_way() -> None:
     inward, told = repair(surface_of(BALL, BALL.faces[:, ::-1]), 1.0)
     assert volume(inward.vertices, inward.faces) > 0
-    assert "looked inward" in told[0]
+    assert "pointed inward" in told[0]
     mixed = BALL.faces.copy()
     turned = np.random.default_rng(0).random(len(mixed)) < 0.4
     mixed[turned] = mixed[turned][:, ::-1]
@@ -98,7 +117,7 @@ def test_a_second_sheet_on_an_edge_is_cut_out() -> None:
     vertices = np.vstack([BALL.vertices, BALL.vertices[a] + [40.0, 0, 0]])
     fin = Surface(vertices, np.vstack([BALL.faces, [a, b, len(BALL.vertices)]]), "case_7")
     mesh, told = repair(fin, 1.0)
-    assert "edge of three or more" in told[0]
+    assert "edges of three or more" in told[0]
     assert is_oriented_manifold(mesh.faces)
 
 
