@@ -20,9 +20,10 @@ _RESTARTS = 3  # roots tried along the loop found so far
 class Handle:
     """A handle that was cut.
 
-    loop_mm     length of the loop along which the surface was cut.
-    centre_mm   (3,) the middle of the loop.
-    is_filled   True if the hole was filled, False if the bridge around it was cut.
+    Attributes:
+        loop_mm: Length of the loop along which the surface was cut.
+        centre_mm: (3,) the middle of the loop.
+        is_filled: True if the hole was filled, False if the bridge around it was cut.
     """
 
     loop_mm: float

@@ -1,4 +1,4 @@
-"""What of a mask is missing in its mesh, and what the mesh adds to it."""
+"""What of a mask is missing in its mesh."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from ssm_pipeline.records import Mask, Mesh
 class Piece:
     """A connected group of voxels on the wrong side of the mesh, far from its surface.
 
-    volume_ml   of the voxels that lie farther from the mesh than the tolerance.
-    depth_mm    the largest distance of their centres from the mesh.
-    length_mm   the diagonal of their bounding box.
-    centre_mm   (3,) LPS, their mean.
-    voxels      (n, 3) indices z, y, x.
+    Attributes:
+        volume_ml: Of the voxels that lie farther from the mesh than the tolerance.
+        depth_mm: The largest distance of their centres from the mesh.
+        length_mm: The diagonal of their bounding box.
+        centre_mm: (3,) LPS, their mean.
+        voxels: (n, 3) indices z, y, x.
     """
 
     volume_ml: float

@@ -24,21 +24,21 @@ _SAMPLES = 10_000
 class MeshQuality:
     """What the report says of one case's mesh.
 
-    euler_number       2 for a topological sphere; handles_cut were taken away to get there.
-    mask_volume_ml     of the mask as read; of a surface, once its holes are closed. The change
-                       is the mesh's against it.
-    pieces, left_out_ml, cavities_filled_ml   what the mask fell into, and what of it was left out
-                       or filled to make one solid organ.
-    surface_mean_mm, surface_hd95_mm   symmetric distance between the mesh and what it was made
-                       of: mean and 95th percentile over both directions. Of a mask, the outer
-                       faces of the organ's voxels.
-    surface_max_mm     largest distance from the surface that the mesh was made of to the mesh; of a
-                       mask, from its voxels outside the mesh and sampled voxel faces.
-    lost_piece_ml, lost_piece_mm   the largest connected part of the mask that the mesh lacks: its
-                       volume beyond the blur's sigma, and how far it reaches from the mesh.
-    voxel_mm, smoothing_mm   of the grid between mask and mesh; of a surface, NaN and 0.
-    warnings           in words: what was left out, filled, lost or repaired, where it is worth a
-                       look.
+    Attributes:
+        euler_number: 2 for a topological sphere, which it is after handles_cut handles were cut.
+        mask_volume_ml: Of the mask as read; of a surface, once its holes are closed. The change is
+            the mesh's against it.
+        pieces, left_out_ml, cavities_filled_ml: The mask's connected pieces, and what of it was
+            left out or filled to make one solid organ.
+        surface_mean_mm, surface_hd95_mm: Symmetric distance between the mesh and what it was made
+            of: mean and 95th percentile over both directions. Of a mask, the outer faces of the
+            organ's voxels.
+        surface_max_mm: Largest distance from the surface that the mesh was made of to the mesh; of
+            a mask, from its voxels outside the mesh and sampled voxel faces.
+        lost_piece_ml, lost_piece_mm: The largest connected part of the mask that the mesh lacks:
+            its volume beyond the blur's sigma, and how far it reaches from the mesh.
+        voxel_mm, smoothing_mm: Of the grid between mask and mesh; of a surface, NaN and 0.
+        warnings: In words: what was left out, filled, lost or repaired, where it is worth a look.
     """
 
     vertices: int
