@@ -65,7 +65,8 @@ def inside_mesh(mesh: Mesh, organ: Mask) -> np.ndarray:
     image.SetOutputScalarTypeToUnsignedChar()
     image.SetInsideValue(1)
     image.Update()
-    return vtk_to_numpy(image.GetOutput().GetPointData().GetScalars()).reshape(shape) > 0
+    values = vtk_to_numpy(image.GetOutput().GetPointData().GetScalars())
+    return np.asarray(values.reshape(shape) > 0)
 
 
 def _pieces(

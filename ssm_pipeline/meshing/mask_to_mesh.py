@@ -85,7 +85,7 @@ def _mesh_of(
 def _finer_grid(organ: Mask, voxel_mm: float) -> float:
     """Half a voxel of the mask along its finest axis, as far as memory allows."""
     box_mm3 = float(np.prod(np.array(organ.voxels.shape[::-1]) * organ.spacing_mm))
-    affordable = (box_mm3 / _THIN_POINTS) ** (1 / 3)
+    affordable = float(np.cbrt(box_mm3 / _THIN_POINTS))
     return min(voxel_mm, max(0.5 * float(organ.spacing_mm.min()), affordable))
 
 
