@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ssm_pipeline import storage
 from ssm_pipeline.commands.pseudonyms import pseudonyms_of
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.report.settings import ReportSettings
@@ -33,11 +34,10 @@ def write_report_page(run_folder: Path, pseudonymise: bool) -> Path:
         if path is None:
             raise StudyError(f"{run_folder} holds no report; make it with: workflow run")
         return path
-    from ssm_pipeline.report.page import write_page
-    from ssm_pipeline.report.renaming import renamed
+    from ssm_pipeline.report.renaming import renamed_html
 
     content = page_content(run, settings)
     names = pseudonyms_of(sorted(content.names), run_folder)
     path = run_folder / FOLDER / "index.html"
-    write_page(renamed(content, names), path, settings)
+    storage.write_text(path, renamed_html(content, names, settings))
     return path

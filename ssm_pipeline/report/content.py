@@ -109,6 +109,8 @@ class ReportContent:
         ids |= {case_id for path in self.paths for case_id in (path.template_id, path.case_id)}
         tables = [self.cohort, *([] if self.check is None else [self.check])]
         ids |= {str(case_id) for table in tables for case_id in table["case_id"]}
+        if self.copies is not None:
+            ids |= {str(one) for name in ("case_id", "copy_of") for one in self.copies[name]}
         return short_names(sorted(ids))
 
     @property

@@ -1,4 +1,4 @@
-"""A report's content under other case ids, in their order: for a page that is sent to others."""
+"""A report under other case ids, in the order of these ids: for a page that is sent to others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,36 @@ from typing import Any
 import pandas as pd
 
 from ssm_pipeline.report.content import ReportContent
+from ssm_pipeline.report.ids_left import refuse_ids_left
+from ssm_pipeline.report.page import page_html
+from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.statistics.compare import ShapeComparison
+
+# No case id is expected here, and an id such as "2" would change them. The check of the final page
+# includes them.
+_LEFT_AS_THEY_ARE = {"study", "versions", "stages"}
+
+
+def renamed_html(content: ReportContent, names: Mapping[str, str], settings: ReportSettings) -> str:
+    """Return the page with a new id in place of every case id.
+
+    A new id of one case may be the former id of another. So the page is first made with
+    placeholders and checked, and the placeholders are replaced after that.
+
+    Args:
+        content: What the report shows.
+        names: Case id → new id, for every id of `content.names`.
+        settings: Of the page.
+
+    Raises:
+        ValueError: If an id has no new one, or if the page would still show a former id.
+    """
+    order = sorted(names, key=lambda case_id: names[case_id])
+    placeholders = {case_id: f"~{rank:06d}~" for rank, case_id in enumerate(order)}
+    html = page_html(renamed(content, placeholders), settings)
+    refuse_ids_left(html, list(names))
+    final = {placeholders[case_id]: names[case_id] for case_id in order}
+    return re.sub(r"~\d{6}~", lambda found: final.get(found[0], found[0]), html)
 
 
 def renamed(content: ReportContent, names: Mapping[str, str]) -> ReportContent:
@@ -33,49 +62,50 @@ def renamed(content: ReportContent, names: Mapping[str, str]) -> ReportContent:
     ids = content.aligned.case_ids
     order = sorted(range(len(ids)), key=lambda index: names[ids[index]])
     new_ids = tuple(names[ids[index]] for index in order)
-    template = names[content.aligned.template_id]
-    return dataclasses.replace(
-        content,
-        model=dataclasses.replace(
+    with_arrays = {
+        "model": dataclasses.replace(
             content.model, scores=content.model.scores[order], case_ids=new_ids
         ),
-        aligned=dataclasses.replace(
+        "aligned": dataclasses.replace(
             content.aligned,
             vertices=content.aligned.vertices[order],
             case_ids=new_ids,
-            template_id=template,
+            template_id=names[content.aligned.template_id],
         ),
-        frames=tuple(content.frames[index] for index in order),
-        meshes=tuple(
+        "frames": tuple(content.frames[index] for index in order),
+        "meshes": tuple(
             sorted(
                 (dataclasses.replace(mesh, case_id=names[mesh.case_id]) for mesh in content.meshes),
                 key=lambda mesh: mesh.case_id,
             )
         ),
-        paths=tuple(
+        "paths": tuple(
             dataclasses.replace(
                 path, template_id=names[path.template_id], case_id=names[path.case_id]
             )
             for path in content.paths
         ),
-        correspondence=_table(content.correspondence, rename),
-        metrics={name: _table(table, rename) for name, table in content.metrics.items()},
-        cohort=_table(content.cohort, rename),
-        check=None if content.check is None else _table(content.check, rename),
-        check_pictures={names[case_id]: png for case_id, png in content.check_pictures.items()},
-        settings=rename(content.settings),
-        comparisons=tuple(_comparison(one, rename) for one in content.comparisons),
-    )
+        "comparisons": tuple(_comparison(one, rename) for one in content.comparisons),
+    }
+    # Every other field, also one that is added to `ReportContent` later.
+    others = {
+        field.name: rename(getattr(content, field.name))
+        for field in dataclasses.fields(content)
+        if field.name not in with_arrays and field.name not in _LEFT_AS_THEY_ARE
+    }
+    return dataclasses.replace(content, **with_arrays, **others)
 
 
 def _renamer(names: Mapping[str, str]) -> Callable[[Any], Any]:
-    """A function that replaces ids in text, and in text inside mappings and lists."""
+    """A function that replaces ids in text, and in text inside mappings, lists and tables."""
     longest_first = sorted(names, key=len, reverse=True)
     known = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longest_first))})(?!\w)")
 
     def rename(value: Any) -> Any:
         if isinstance(value, str):
             return known.sub(lambda found: names[found[0]], value)
+        if isinstance(value, pd.DataFrame):
+            return _table(value, rename)
         if isinstance(value, Mapping):
             return {rename(key): rename(item) for key, item in value.items()}
         if isinstance(value, list | tuple):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import html
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,10 @@ import pandas as pd
 import pytest
 from synthetic_report import make_content
 
+from ssm_pipeline.cohort_check.copies import SAME, copies_table
+from ssm_pipeline.report.ids_left import refuse_ids_left
 from ssm_pipeline.report.page import page_html
-from ssm_pipeline.report.renaming import renamed
+from ssm_pipeline.report.renaming import renamed, renamed_html
 from ssm_pipeline.report.settings import ReportSettings
 
 
@@ -26,6 +30,8 @@ def original():
         content,
         check=check,
         check_pictures={ids[0]: b"png"},
+        copies=copies_table([(ids[0], ids[2], SAME), (ids[1], ids[2], SAME)]),
+        patients_advice=f"1 patient seems to have several cases ({ids[1]} and {ids[4]})",
         settings={"data": {"exclude": {ids[1]: f"a copy of {ids[2]}"}, "only": [ids[4]]}},
     )
 
@@ -37,13 +43,53 @@ def names(original: Any) -> dict[str, str]:
     return {case_id: f"case_{(3 * n + 2) % len(ids):03d}" for n, case_id in enumerate(ids)}
 
 
+SETTINGS = ReportSettings(modes=2, tile_px=64, case_faces=200)
+
+
 def test_no_former_id_is_left_on_the_page(original: Any, names: dict[str, str]) -> None:
     assert len(set(names.values())) == len(names) == 7
-    settings = ReportSettings(modes=2, tile_px=64, case_faces=200)
-    assert "blob.003" in page_html(original, settings)
-    page = page_html(renamed(original, names), settings)
+    assert "blob.003" in page_html(original, SETTINGS)
+    page = renamed_html(original, names, SETTINGS)
     assert "blob." not in page
-    assert names["blob.003"] in page
+    assert "~0000" not in page
+    first, second, third, fifth = (names[original.aligned.case_ids[n]] for n in (0, 1, 2, 4))
+    text = html.unescape(page)
+    assert f'"{third}": "copy of {first}"' in text
+    assert f"several cases ({second} and {fifth})" in text
+
+
+def test_new_ids_may_be_the_former_ids_of_other_cases(original: Any) -> None:
+    ids = sorted(original.names)
+    names = dict(zip(ids, [*ids[1:], ids[0]], strict=True))
+    text = html.unescape(renamed_html(original, names, SETTINGS))
+    first, third = (names[original.aligned.case_ids[n]] for n in (0, 2))
+    assert f'"{third}": "copy of {first}"' in text
+
+
+def test_a_page_that_would_show_a_former_id_is_refused(
+    original: Any, names: dict[str, str]
+) -> None:
+    named_after_a_case = dataclasses.replace(original, study="my_BLOB.003_study")
+    with pytest.raises(ValueError, match=r"still show 1 of 7 case ids, such as blob\.003"):
+        renamed_html(named_after_a_case, names, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("page", "is_refused"),
+    [
+        ("<p>case &quot;p1&quot;</p>", True),
+        ("<p>p10 of 12 cases, the mean</p>", False),
+        ("<td title='12'>…</td>", True),
+        ('<script type="application/json">{"cases": ["mean"], "n": 12}</script>', True),
+        ('<script type="application/json">{"label": "mean", "n": 12}</script>', False),
+        ('<script type="application/json">{"label": "M\\u00fcller_7"}</script>', True),
+        ("<img src='data:image/png;base64,p1+12'><style>p1</style><script>p1</script>", False),
+    ],
+)
+def test_what_counts_as_a_former_id(page: str, is_refused: bool) -> None:
+    """Ids that are words or numbers of the page itself are searched only where ids stand."""
+    with pytest.raises(ValueError, match="such as") if is_refused else nullcontext():
+        refuse_ids_left(page, ["p1", "12", "mean", "Müller_7"])
 
 
 def test_numbers_stay_with_their_case(original: Any, names: dict[str, str]) -> None:
