@@ -62,7 +62,7 @@ def renamed(content: ReportContent, names: Mapping[str, str]) -> ReportContent:
     ids = content.aligned.case_ids
     order = sorted(range(len(ids)), key=lambda index: names[ids[index]])
     new_ids = tuple(names[ids[index]] for index in order)
-    with_arrays = {
+    with_arrays: dict[str, Any] = {
         "model": dataclasses.replace(
             content.model, scores=content.model.scores[order], case_ids=new_ids
         ),
