@@ -33,7 +33,7 @@ from ssm_pipeline.meshing.decimation import decimate
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.spectral.basis import spectral_basis
 from ssm_pipeline.spectral.settings import SpectralSettings
-from ssm_pipeline.training.matcher import Matcher, load_matcher, save_matcher
+from ssm_pipeline.training.matcher import Matcher, load_matcher
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.train import train_networks
 
@@ -70,7 +70,7 @@ def matcher_of(family: str, steps: int, path: Path | None) -> Matcher:
     bases = [spectral_basis(decimate(mesh, FACES), SPECTRAL) for mesh in meshes]
     matcher = train_networks(bases, settings, seed=0)
     if path is not None:
-        save_matcher(matcher, path)
+        matcher.save(path)
     return matcher
 
 

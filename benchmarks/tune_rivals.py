@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 
-from ssm_pipeline.baselines.register import Registration, register
+from ssm_pipeline.baselines.register import register
 from ssm_pipeline.baselines.settings import RegistrationSettings
 from ssm_pipeline.data_prep.matching_sets.remeshed_phantoms import remeshed_phantoms
 from ssm_pipeline.data_prep.synthetic.phantom_seeds import DEVELOPMENT
@@ -24,7 +24,7 @@ from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
 from ssm_pipeline.data_prep.synthetic.phantoms import draw_truth
 from ssm_pipeline.geometry.surface import area
 
-GRIDS: dict[Registration, list[dict[str, object]]] = {
+GRIDS: dict[str, list[dict[str, object]]] = {
     "affine nearest": [{}],
     "cpd": [
         {"cpd_width": width, "cpd_strength": strength}
