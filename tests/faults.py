@@ -62,7 +62,7 @@ def run_with_fault(run: Callable[[], object], fault: str, at_write: int) -> bool
             os.kill(os.getpid(), signal.SIGKILL)
             raise AssertionError("killed")
 
-        Path.replace = faulty  # type: ignore[method-assign]
+        Path.replace = faulty  # type: ignore[method-assign, assignment]
         try:
             run()
         except StudyError as error:
@@ -109,12 +109,14 @@ def writes_of(run: Callable[[], object]) -> int:
             count += 1
             return replace(self, target)
 
-        Path.replace = counting  # type: ignore[method-assign]
+        Path.replace = counting  # type: ignore[method-assign, assignment]
         run()
         theirs.send((count, list(sys.modules)))
 
     child = multiprocessing.get_context("fork").Process(target=counted)
     child.start()
+    count: int
+    modules: list[str]
     count, modules = results.recv()
     child.join()
     for name in modules:
@@ -123,7 +125,7 @@ def writes_of(run: Callable[[], object]) -> int:
     return count
 
 
-def finished_cases(run_folder: Path) -> dict[Path, float]:
+def finished_cases(run_folder: Path) -> dict[Path, int]:
     """The folders of cases that are finished and whole, and when each was."""
     found = {}
     for record in run_folder.rglob("case.json"):

@@ -26,6 +26,9 @@ FUNCTIONS = sorted(
 # A study's run takes minutes; README's own code shows these two, and is run by tests.
 WITHOUT_EXAMPLE = {"load_run", "run"}
 
+# For calls with arguments of a wrong type, which a type checker would refuse.
+lib: Any = ssm
+
 
 QUICK = ssm.AdaptationSettings(samples=2000, steps=3)
 
@@ -131,24 +134,24 @@ def test_the_seed_reaches_the_points_that_matching_draws() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda m: ssm.spectral_basis(m.vertices), "mesh is a ndarray; Mesh is needed"),
-        (lambda m: ssm.spectral_basis(m, "80"), "settings is a str; SpectralSettings or int"),
-        (lambda m: ssm.decimate("liver.stl", 500), "mesh is a str; Mesh is needed. Read a file"),
-        (lambda m: ssm.decimate(m, "500"), "faces is a str; int"),
-        (lambda m: ssm.read_mesh(["a.stl", "b.stl"]), "path is a list; str or Path is needed"),
-        (lambda m: ssm.train(m), "surfaces is a Mesh; a list of Mesh or SpectralBasis"),
-        (lambda m: ssm.train(["a.stl"]), r"surfaces\[0\] is a str; Mesh or SpectralBasis"),
-        (lambda m: ssm.correspond(m, "case.stl", None), "case is a str; Mesh or SpectralBasis"),
-        (lambda m: ssm.correspond(m, m, "liver.pt"), "matcher is a str; Matcher or NoneType"),
-        (lambda m: ssm.match_cohort("folder", None), "meshes is a str; a list of Mesh"),
-        (lambda m: ssm.build_model(m.vertices), "shapes is a ndarray; CorrespondedShapes"),
-        (lambda m: ssm.fit("model.npz", m), "model is a str; ShapeModel is needed. Read it with"),
-        (lambda m: ssm.evaluate(m, [m]), "shapes is a Mesh; CorrespondedShapes or ShapeModel"),
-        (lambda m: ssm.mesh_from_mask(m.vertices), "mask is a ndarray; Mask is needed. Read it"),
-        (lambda m: ssm.read_mask(m), "source is a Mesh; str or Path or ndarray is needed"),
-        (lambda m: ssm.read_mask(np.ones((9, 9, 9))), "pass spacing_mm="),
-        (lambda m: ssm.load_matcher(3), "path is a int; str or Path"),
-        (lambda m: ssm.run(["luna16"]), "study is a list; str or Path"),
+        (lambda m: lib.spectral_basis(m.vertices), "mesh is a ndarray; Mesh is needed"),
+        (lambda m: lib.spectral_basis(m, "80"), "settings is a str; SpectralSettings or int"),
+        (lambda m: lib.decimate("liver.stl", 500), "mesh is a str; Mesh is needed. Read a file"),
+        (lambda m: lib.decimate(m, "500"), "faces is a str; int"),
+        (lambda m: lib.read_mesh(["a.stl", "b.stl"]), "path is a list; str or Path is needed"),
+        (lambda m: lib.train(m), "surfaces is a Mesh; a list of Mesh or SpectralBasis"),
+        (lambda m: lib.train(["a.stl"]), r"surfaces\[0\] is a str; Mesh or SpectralBasis"),
+        (lambda m: lib.correspond(m, "case.stl", None), "case is a str; Mesh or SpectralBasis"),
+        (lambda m: lib.correspond(m, m, "liver.pt"), "matcher is a str; Matcher or NoneType"),
+        (lambda m: lib.match_cohort("folder", None), "meshes is a str; a list of Mesh"),
+        (lambda m: lib.build_model(m.vertices), "shapes is a ndarray; CorrespondedShapes"),
+        (lambda m: lib.fit("model.npz", m), "model is a str; ShapeModel is needed. Read it with"),
+        (lambda m: lib.evaluate(m, [m]), "shapes is a Mesh; CorrespondedShapes or ShapeModel"),
+        (lambda m: lib.mesh_from_mask(m.vertices), "mask is a ndarray; Mask is needed. Read it"),
+        (lambda m: lib.read_mask(m), "source is a Mesh; str or Path or ndarray is needed"),
+        (lambda m: lib.read_mask(np.ones((9, 9, 9))), "pass spacing_mm="),
+        (lambda m: lib.load_matcher(3), "path is a int; str or Path"),
+        (lambda m: lib.run(["luna16"]), "study is a list; str or Path"),
     ],
 )
 def test_a_wrong_type_is_refused_by_name(call: Any, message: str) -> None:

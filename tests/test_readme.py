@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -56,13 +57,18 @@ def test_links_within_the_repository_lead_somewhere(page: str) -> None:
         assert (ROOT / page).parent.joinpath(target).exists(), target
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_command_and_option_named_exists(page: str) -> None:
+def command_group() -> Any:
+    """The commands of `workflow`, as Typer's Click group."""
     import typer
 
-    from ssm_pipeline import cli
+    from ssm_pipeline.cli.app import app
 
-    group = typer.main.get_command(cli.app)
+    return typer.main.get_command(app)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_and_option_named_exists(page: str) -> None:
+    group = command_group()
     commands = {**group.commands, **group.commands["benchmark"].commands}
     all_commands = [group, *commands.values()]
     options = {option for c in all_commands for p in c.params for option in p.opts}
@@ -74,11 +80,7 @@ def test_every_command_and_option_named_exists(page: str) -> None:
 
 
 def test_every_command_is_on_its_page() -> None:
-    import typer
-
-    from ssm_pipeline import cli
-
-    group = typer.main.get_command(cli.app)
+    group = command_group()
     names = [*group.commands.keys() - {"benchmark"}]
     names += [f"benchmark {name}" for name in group.commands["benchmark"].commands]
     for name in names:

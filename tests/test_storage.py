@@ -7,7 +7,6 @@ import os
 import pickle
 import stat
 from pathlib import Path
-from typing import Never
 
 import numpy as np
 import pandas as pd
@@ -156,7 +155,7 @@ def test_a_disk_that_refuses_is_one_message_and_leaves_the_old_file(
     assert (tmp_path / "a.txt").read_text() == "old"
 
 
-def test_a_fault_of_the_program_is_not_taken_for_the_disk(tmp_path: Path) -> Never:
+def test_a_fault_of_the_program_is_not_taken_for_the_disk(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError):
         with storage.written_whole(tmp_path / "a.txt"):
             raise ZeroDivisionError

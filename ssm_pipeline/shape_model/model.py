@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Float, Int, Shaped
 
 from ssm_pipeline import storage
@@ -114,7 +115,7 @@ class ShapeModel:
             raise ValueError(f"share is {share}; 0 … 1 is needed, as 0.9 for 90 %")
         return int(np.searchsorted(self.compactness, share - 1e-12) + 1)
 
-    def reconstruct(self, scores: np.ndarray) -> np.ndarray:
+    def reconstruct(self, scores: npt.ArrayLike) -> np.ndarray:
         """Shapes from scores.
 
         Args:

@@ -118,5 +118,6 @@ def test_nearest_point_correspondence_lies_on_the_case_and_names_the_nearest_ver
 
 
 def test_a_network_method_needs_a_network(pair: Any) -> None:
+    template, case = pair
     with pytest.raises(ValueError, match="'full' needs a trained matcher"):
-        correspond_bases(*pair, None, AdaptationSettings())
+        correspond_bases(template, case, None, AdaptationSettings())

@@ -10,23 +10,24 @@ from shapes import bar_mesh, basis_of, bent_bar, blob
 from ssm_pipeline.adaptation.map_start import map_start
 from ssm_pipeline.geometry.barycentric import interpolated
 from ssm_pipeline.geometry.closest_point import closest_points
+from ssm_pipeline.records import SpectralBasis
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 2.0])
 MU = 100.0
 
 
 @pytest.fixture(scope="module")
-def basis():
+def basis() -> SpectralBasis:
     return basis_of(blob(1))
 
 
 @pytest.fixture(scope="module")
-def bar():
+def bar() -> SpectralBasis:
     """Along x, six times as long as thick."""
     return basis_of(bar_mesh(0.5), 5)
 
 
-def start_of(basis: Any, targets: Any, weight: Any = MU):
+def start_of(basis: Any, targets: Any, weight: Any = MU) -> np.ndarray:
     return map_start(basis.vertices, targets, basis.laplacian, basis.mass, weight)
 
 

@@ -15,7 +15,8 @@ from ssm_pipeline.adaptation.rigid_start import rigidly_aligned
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.adaptation.starts import kept_start, starts_from_map
 from ssm_pipeline.matching.settings import MatchingSettings
-from ssm_pipeline.records import Mesh
+from ssm_pipeline.records import Mesh, SpectralBasis
+from ssm_pipeline.training.matcher import Matcher
 from ssm_pipeline.training.settings import TrainingSettings
 from ssm_pipeline.training.train import train_networks
 
@@ -23,12 +24,12 @@ SETTINGS = AdaptationSettings(samples=3000, steps=4)
 
 
 @pytest.fixture(scope="module")
-def bases():
+def bases() -> list[SpectralBasis]:
     return [basis_of(blob(index)) for index in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
-def untrained(bases: Any):
+def untrained(bases: Any) -> Matcher:
     small = MatchingSettings(features="wks", descriptors=16, channels=8, width=16, blocks=2)
     return train_networks(bases, TrainingSettings(steps=1, matching=small), seed=0)
 
@@ -47,7 +48,7 @@ def test_a_rigid_motion_distorts_nothing_and_an_even_stretch_by_its_dirichlet_en
     assert 0 < distortion(x, x + uneven, L) < dirichlet(uneven, L)
 
 
-def dirichlet(offset: Any, L: Any):
+def dirichlet(offset: Any, L: Any) -> float:
     return float((offset * (L @ offset)).sum())
 
 
@@ -106,7 +107,7 @@ def test_a_case_turned_over_is_matched_by_the_rotation_of_the_map(
 
 
 @pytest.fixture(scope="module")
-def bars():
+def bars() -> tuple[SpectralBasis, SpectralBasis]:
     """A bar, and the same bar bent to most of a circle."""
     straight = bar_mesh(0.4)
     bent = Mesh(bent_bar(straight.vertices, 4.0), straight.faces, "bent")

@@ -12,7 +12,7 @@ import trimesh
 
 from ssm_pipeline.baselines.s3m.epochs import S3MCheckpoint, batches, train_extractor
 from ssm_pipeline.baselines.s3m.s3m import S3MMatch, match_s3m, train_s3m
-from ssm_pipeline.baselines.s3m.samples import training_copies
+from ssm_pipeline.baselines.s3m.samples import drawn_sample, training_copies
 from ssm_pipeline.baselines.s3m.settings import S3MSettings
 from ssm_pipeline.geometry.topology import boundary_loop_count, euler_number
 from ssm_pipeline.records import CaseError, Mesh, StudyError
@@ -116,10 +116,9 @@ def test_every_epoch_draws_its_own_samples_and_pairs(monkeypatch: pytest.MonkeyP
     from ssm_pipeline.baselines.s3m import epochs
 
     drawn: list[tuple[int, ...]] = []
-    original = epochs.drawn_sample
 
     def spy(*arguments: Any) -> Any:
-        sample = original(*arguments)
+        sample = drawn_sample(*arguments)
         drawn.append(tuple(sample.vertices))
         return sample
 

@@ -213,7 +213,8 @@ def test_the_laplacian_term_commutes_the_map_with_both_spectra() -> None:
     x, y = np.sort(generator.uniform(0, 9, (2, k)), axis=1)
     operators = torch.zeros(1, 2, k, k)
     found = pair_losses(
-        *(torch.as_tensor(C.astype(np.float32))[None] for _ in range(2)),
+        torch.as_tensor(C.astype(np.float32))[None],
+        torch.as_tensor(C.astype(np.float32))[None],
         torch.as_tensor(x.astype(np.float32))[None],
         torch.as_tensor(y.astype(np.float32))[None],
         operators,

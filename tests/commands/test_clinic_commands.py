@@ -51,6 +51,12 @@ def cohort() -> CorrespondedShapes:
     return CorrespondedShapes(np.stack(shapes), np.asarray(ball.faces), IDS, IDS[0])
 
 
+def surface_in(path: str | Path) -> pyvista.PolyData:
+    surface = pyvista.read(path)
+    assert isinstance(surface, pyvista.PolyData)
+    return surface
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clinic")
@@ -230,8 +236,8 @@ def test_a_comparison_of_the_runs_own_is_a_tab_of_its_report(
     shutil.rmtree(second)
     # Of another model, it is not shown as this one's; damaged, it is named.
     about = json.loads((own / "compare" / "age" / "compare.json").read_text())
-    other = json.dumps(about | {"model_key": "another"})
-    (own / "compare" / "age" / "compare.json").write_text(other)
+    of_another = json.dumps(about | {"model_key": "another"})
+    (own / "compare" / "age" / "compare.json").write_text(of_another)
     assert load_run(own).comparisons == ()
     (own / "compare" / "age" / "compare.json").write_text(json.dumps(about))
     (own / "compare" / "age" / "power.csv").unlink()
@@ -305,18 +311,18 @@ def test_landmarks_and_labels_come_to_every_case_and_patient(workflow: Workflow,
         carried = landmarks_from_markups(json.loads(file.read_text()))
         assert carried.names == ("apex",)
         np.testing.assert_allclose(carried.positions[0], points[top], atol=1e-3)
-        labelled = pyvista.read(file.with_name("labels.vtp"))
+        labelled = surface_in(file.with_name("labels.vtp"))
         np.testing.assert_array_equal(np.flatnonzero(labelled["label"]), upper)
     table = pd.read_csv("carried/landmarks.csv").set_index("case_id")
     seen_by = {**dict.fromkeys(held.cases, True), "new": True, "cut": False}
     assert table["observed"].to_dict() == seen_by
     assert table.loc[list(held.cases), "radius_mm"].isna().all()
     assert 0 < table.loc["new", "radius_mm"] < table.loc["cut", "radius_mm"]
-    surface = pyvista.read("fits/cut/reconstruction.vtp")
+    surface = surface_in("fits/cut/reconstruction.vtp")
     assert table.loc["cut", "radius_mm"] == pytest.approx(surface["radius_90_mm"][top], rel=1e-4)
     (marked,) = json.loads(Path("carried/cut/landmarks.mrk.json").read_text())["markups"]
     assert "not observed" in marked["controlPoints"][0]["description"]
-    labelled = pyvista.read("carried/cut/labels.vtp")
+    labelled = surface_in("carried/cut/labels.vtp")
     np.testing.assert_array_equal(labelled["observed"], surface["observed"])
     assert list(labelled.field_data["SPACE"]) == list(surface.field_data["SPACE"]) == ["LPS"]
     new = table.loc["new"]
@@ -355,8 +361,13 @@ def test_an_export_explains_itself(
             SetOpacity=lambda value: None, SetVisibility=lambda value: None
         )
     )
+
+    def load_model(path: str) -> object:
+        asked.append(path)
+        return node
+
     util = types.SimpleNamespace(
-        loadModel=lambda path: asked.append(path) or node,
+        loadModel=load_model,
         loadMarkups=asked.append,
         resetThreeDViews=lambda: None,
     )

@@ -42,7 +42,7 @@ def test_an_entry_and_a_producer_reach_tables_files_and_page(
 ) -> None:
     new = Method("shrunk, by 5 %", "the full method's shapes, made smaller", "shrunk")  # type: ignore[arg-type]
     monkeypatch.setattr(methods, "METHODS", (*METHODS, new))
-    monkeypatch.setitem(producers.PRODUCERS, "shrunk", shrunk)
+    monkeypatch.setitem(cast(dict[str, producers.Producer], producers.PRODUCERS), "shrunk", shrunk)
     shutil.copytree(tiny_run, tmp_path / NAME)
     tiny = tiny_settings(tiny_run.parents[1] / "masks")
     changed = tiny.model_copy(update={"comparison": ComparisonSettings(methods=(new.id,))})

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from command_line import Workflow
@@ -171,7 +172,7 @@ def test_a_worker_that_sees_other_folders_or_has_other_versions_is_refused(
     for name in process.THREAD_COUNTS:
         monkeypatch.setenv(name, "1")
     monkeypatch.chdir(tmp_path)
-    worker = SimpleNamespace(address="tcp://far:1", state=SimpleNamespace(nthreads=1))
+    worker: Any = SimpleNamespace(address="tcp://far:1", state=SimpleNamespace(nthreads=1))
     ours = process.versions()
     (tmp_path / "stage").mkdir()
     refuse = partial(module._refuse_unlike, worker)
@@ -192,6 +193,6 @@ def test_files_that_never_show_up_here_end_the_run(
 ) -> None:
     """A worker whose folder has the same name and is another one."""
     monkeypatch.setattr(module, "SHARED_S", 1.0)
-    done = SimpleNamespace(result=lambda: "what a worker says")
+    done: Any = SimpleNamespace(result=lambda: "what a worker says")
     with pytest.raises(StudyError, match=f"{os.sep}a does not show it: .* is not shared"):
-        module._result(done, CaseTask("a", "key", Path), tmp_path)
+        module._result(done, CaseTask("a", "key", lambda folder: {}), tmp_path)

@@ -26,7 +26,8 @@ def bench(tmp_path: Path) -> Bench:
 
 
 def run_folder(bench: Bench) -> Path:
-    return bench.folder / "runs" / "toy"
+    folder: Path = bench.folder / "runs" / "toy"
+    return folder
 
 
 def harm(path: Path, how: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from toy_study import toy_job, toy_stages
@@ -44,5 +45,8 @@ class Bench:
     def sum(self) -> str:
         return (self.folder / "runs" / "toy" / "sum" / "sum.txt").read_text()
 
-    def stage_json(self, stage: str) -> dict:
-        return json.loads((self.folder / "runs" / "toy" / stage / "stage.json").read_text())
+    def stage_json(self, stage: str) -> dict[str, Any]:
+        content: dict[str, Any] = json.loads(
+            (self.folder / "runs" / "toy" / stage / "stage.json").read_text()
+        )
+        return content

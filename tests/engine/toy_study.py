@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -50,7 +51,7 @@ def find_toys(masks: Path, run_folder: Path) -> Cohort:
     return Cohort("toys", tuple(CaseSource(path.stem, (path,), no_mask) for path in paths))
 
 
-def data_stage(context: StageContext) -> Outcome:
+def data_stage(context: StageContext[ToySettings]) -> Outcome:
     return Outcome({case: context.case_key(case) for case in context.case_keys})
 
 
@@ -90,7 +91,7 @@ def count_threads(folder: Path) -> Row:
 
     points = np.random.default_rng(0).random((100_000, 3), dtype=np.float32)
     square = np.random.default_rng(0).random((1000, 1000))
-    work = {
+    work: dict[str, Callable[[], object]] = {
         "pykdtree": lambda: KDTree(points).query(points),
         "scipy": lambda: scipy.linalg.solve(square, square @ square),
         "torch": lambda: torch.from_numpy(square) @ torch.from_numpy(square),
@@ -103,7 +104,7 @@ def count_threads(folder: Path) -> Row:
     return gained
 
 
-def double_stage(context: StageContext, diary: Path) -> Outcome:
+def double_stage(context: StageContext[ToySettings], diary: Path) -> Outcome:
     files = {case.case_id: case.files[0] for case in context.cohort.cases}
     tasks = [
         CaseTask(
@@ -118,7 +119,7 @@ def double_stage(context: StageContext, diary: Path) -> Outcome:
     return context.outcome(results)
 
 
-def sum_stage(context: StageContext) -> Outcome:
+def sum_stage(context: StageContext[ToySettings]) -> Outcome:
     total = sum(
         int((context.run_folder / "double" / case / "doubled.txt").read_text())
         for case in context.case_keys
@@ -127,7 +128,7 @@ def sum_stage(context: StageContext) -> Outcome:
     return Outcome(context.case_keys, note=f"sum {total}")
 
 
-def toy_stages(diary: Path) -> tuple[Stage, ...]:
+def toy_stages(diary: Path) -> tuple[Stage[ToySettings], ...]:
     return (
         Stage("data", data_stage, lambda settings: {}),
         Stage("double", partial(double_stage, diary=diary), lambda s: s.meshing, ("data",)),

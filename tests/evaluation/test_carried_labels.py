@@ -42,7 +42,9 @@ def halves(mesh: Mesh, border: float, values: tuple[int, int] = (1, 2)) -> Surfa
     return SurfaceLabels(mesh.case_id, np.array(values), np.column_stack([1 - upper, upper]))
 
 
-def cohort(borders: list[float], slip: float = 0.0) -> tuple:
+def cohort(
+    borders: list[float], slip: float = 0.0
+) -> tuple[CorrespondedShapes, list[Mesh], list[SurfaceLabels]]:
     """Equal cylinders with borders at these heights; the matches of the last slip along z."""
     vertices, faces = cylinder()
     ids = tuple(f"c{number}" for number in range(len(borders)))
@@ -54,7 +56,8 @@ def cohort(borders: list[float], slip: float = 0.0) -> tuple:
 
 
 def scored(borders: list[float], slip: float = 0.0, points: int = 20_000) -> pd.DataFrame:
-    return carried_labels(*cohort(borders, slip), points, np.random.default_rng(0))
+    shapes, meshes, labels = cohort(borders, slip)
+    return carried_labels(shapes, meshes, labels, points, np.random.default_rng(0))
 
 
 def test_equal_labels_and_perfect_matches_disagree_nowhere() -> None:

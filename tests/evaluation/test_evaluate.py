@@ -27,7 +27,8 @@ def cohort() -> Any:
 
 @pytest.fixture(scope="module")
 def scored(cohort: Any) -> Any:
-    return evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7))
+    shapes, meshes = cohort
+    return evaluate_method("ours", shapes, meshes, Scoring(SETTINGS, seed=7))
 
 
 def test_all_tables_with_method_and_seed(scored: Any) -> None:
@@ -63,7 +64,8 @@ def test_same_numbers_whatever_the_order_of_meshes_and_the_processes(
 def test_a_thinned_curve_can_still_be_compared(cohort: Any) -> None:
     """Generalisation has a mode fewer than specificity: two even choices of numbers don't meet."""
     settings = SETTINGS.model_copy(update={"mode_counts": 2, "samples": 5, "surface_samples": 2})
-    metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
+    shapes, meshes = cohort
+    metrics = evaluate_method("ours", shapes, meshes, Scoring(settings, seed=7))
     assert metrics.tables["generalisation"]["modes"].unique().tolist() == [1, 3]
     assert metrics.tables["specificity"]["modes"].tolist() == [1, 3, 4]
     table = compare({"ours": metrics}, "ours", 100, np.random.default_rng(0))
@@ -71,9 +73,9 @@ def test_a_thinned_curve_can_still_be_compared(cohort: Any) -> None:
 
 
 def test_a_bad_fit_shows_though_its_points_were_carried_onto_the_case(cohort: Any) -> None:
-    shapes, _ = cohort
+    shapes, meshes = cohort
     blown_up = shapes.vertices + 3 * (shapes.vertices - shapes.vertices.mean(axis=1)[:, None]) / 50
-    metrics = evaluate_method("ours", *cohort, Scoring(SETTINGS, seed=7), fitted=blown_up)
+    metrics = evaluate_method("ours", shapes, meshes, Scoring(SETTINGS, seed=7), fitted=blown_up)
     fits = metrics.tables["correspondence"]
     assert (fits["surface_mm"] < 1e-6).all()
     assert (fits["fitted_surface_mm"] > 1).all()
@@ -83,7 +85,8 @@ def test_the_model_is_scored_at_the_modes_that_hold_95_percent(cohort: Any) -> N
     settings = SETTINGS.model_copy(
         update={"mode_counts": 1, "jackknife_samples": 0, "fit_surfaces": False}
     )
-    metrics = evaluate_method("ours", *cohort, Scoring(settings, seed=7))
+    shapes, meshes = cohort
+    metrics = evaluate_method("ours", shapes, meshes, Scoring(settings, seed=7))
     held = metrics.tables["compactness"].query("share >= 0.95")["modes"].min()
     assert held in set(metrics.tables["specificity"]["modes"])
     assert min(held, 3) in set(metrics.tables["generalisation"]["modes"])

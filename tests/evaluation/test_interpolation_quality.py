@@ -28,7 +28,8 @@ def path_of(shapes: list[np.ndarray], offsets: np.ndarray | None = None) -> Shap
 
 def turned(angle: float) -> np.ndarray:
     cosine, sine = np.cos(angle), np.sin(angle)
-    return VERTICES @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]).T
+    points: np.ndarray = VERTICES @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]).T
+    return points
 
 
 def test_a_turn_keeps_everything_and_the_straight_line_does_not() -> None:

@@ -128,6 +128,7 @@ def test_files_that_count_from_one_give_the_same_result(tmp_path: Path) -> None:
     meshes, orders = renumbered_balls(2)
     write_matching_folder(tmp_path, meshes, orders)
     shapes = read_matching_folder(tmp_path)
+    assert isinstance(shapes, MatchingSet)
     result = run(shapes.meshes, shapes.template_to_shape, true_map)
     assert result.summary.iloc[0]["mean_geodesic_error_x100"] == 0
     off_by_one = [(order + 1) % 162 for order in orders]

@@ -19,7 +19,7 @@ from ssm_pipeline.shape_model.alignment import align
 from ssm_pipeline.shape_model.pca import pca_model
 
 
-def residual_case() -> tuple[CorrespondedShapes, list, np.ndarray]:
+def residual_case() -> tuple[CorrespondedShapes, list[Mesh], np.ndarray]:
     """Four shapes that vary along u alone, and one that also has w, which is orthogonal to u.
 
     Both are symmetric stretches, so the best alignment leaves them as they are.

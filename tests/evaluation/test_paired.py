@@ -183,7 +183,7 @@ def test_an_interval_of_few_cases_has_their_degrees_of_freedom() -> None:
 
 def test_holm_is_that_of_statsmodels() -> None:
     p = np.random.default_rng(0).uniform(0, 0.2, 9)
-    np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])
+    np.testing.assert_allclose(holm(p.tolist()), multipletests(p, method="holm")[1])
 
 
 def test_seen_and_unseen_are_the_nearest_of_equally_many() -> None:

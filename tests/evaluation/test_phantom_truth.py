@@ -19,7 +19,8 @@ from ssm_pipeline.shape_model.pca import pca_model
 def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     x, y, z = axis / np.linalg.norm(axis)
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    matrix: np.ndarray = np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    return matrix
 
 
 def phantom(amplitudes: tuple[float, ...], count: int = 8) -> PhantomTruth:

@@ -83,10 +83,11 @@ def test_every_cohort_as_scanned_and_turned(
 
     monkeypatch.setattr(varied_studies, "run_study", finished)
     means, modes = run_phantom_benchmark(settings, RunOptions(tmp_path), Terminal(), seeds=(3, 4))
-    assert {
-        name: (wanted.data.max_rotation_deg, wanted.data.seed, wanted.seed)
-        for name, wanted in asked.items()
-    } == {
+    drawn = {}
+    for name, wanted in asked.items():
+        assert isinstance(wanted.data, PhantomData)
+        drawn[name] = (wanted.data.max_rotation_deg, wanted.data.seed, wanted.seed)
+    assert drawn == {
         "phantoms-smooth-as-scanned-3": (0.0, 3, settings.seed),
         "phantoms-smooth-as-scanned-4": (0.0, 4, settings.seed),
         "phantoms-smooth-turned-3": (40.0, 3, settings.seed),

@@ -1,6 +1,7 @@
 """`workflow pretrain`: the built-in weights made again, here on four small shapes."""
 
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from shapes import blob
@@ -17,7 +18,7 @@ from ssm_pipeline.training.start import refuse_other_networks
 
 @pytest.mark.parametrize("features", ["wks", "xyz+wks"])
 def test_what_it_writes_can_be_started_from(
-    features: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    features: Literal["wks", "xyz+wks"], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shapes = [blob(seed, faces=1000) for seed in (1, 2, 3, 4)]
     families = ["a", "a", "b", "b"]

@@ -119,9 +119,12 @@ def test_what_is_asked_counts_over_what_a_part_sets(
     tmp_path: Path, tiny_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    monkeypatch.setattr(
-        making, "run_study", lambda _, settings, *__: asked.append(settings) or tiny_run
-    )
+
+    def keep(name: str, settings: Any, *rest: Any) -> Path:
+        asked.append(settings)
+        return tiny_run
+
+    monkeypatch.setattr(making, "run_study", keep)
     part = Part("balls", "study", "phantoms", changes=("evaluation.folds=3", "seed=1"))
     making.make_results(
         tmp_path, {}, RunOptions(tmp_path), Terminal(), (), ["evaluation.folds=4"], [part]

@@ -19,7 +19,8 @@ import pytest
 import trimesh
 
 from ssm_pipeline import storage
-from ssm_pipeline.data_prep.synthetic.phantoms import PhantomSettings, make_cohort
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.phantoms import make_cohort
 from ssm_pipeline.export.carried import write_labelled_surface
 from ssm_pipeline.export.glb import write_glb
 from ssm_pipeline.export.meshes import write_ply

@@ -45,7 +45,7 @@ def test_a_file_written_by_hand_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(model.mean, MEAN)
     np.testing.assert_array_equal(model.faces, CELLS)
     np.testing.assert_allclose(model.variances, [9, 4])
-    shape = MEAN.ravel() + BASIS @ [2 * 3.0, -1 * 2.0]
+    shape: np.ndarray = MEAN.ravel() + BASIS @ [2 * 3.0, -1 * 2.0]
     np.testing.assert_allclose(model.reconstruct([2.0, -1.0]).ravel(), shape, atol=1e-5)
     assert model.case_ids == ()
 
@@ -133,7 +133,8 @@ def as_json(path: Path) -> Path:
         return value.item().decode() if value.dtype.kind == "S" else value.tolist()
 
     def add(name: str, group: h5py.Group) -> None:
-        content = tree["groups"][name] = {"attributes": [], "links": []}
+        content: dict[str, Any] = {"attributes": [], "links": []}
+        tree["groups"][name] = content
         content["attributes"] = [{"name": k, "value": of(v)} for k, v in group.attrs.items()]
         for title, member in group.items():
             kind = "groups" if isinstance(member, h5py.Group) else "datasets"

@@ -51,7 +51,8 @@ def test_gradient_against_finite_differences_through_the_rotations() -> None:
         for sign in (1, -1):
             pair = [a.detach(), b.detach()]
             pair[which] = pair[which] + sign * step * direction
-            values.append(arap_energy(*pair, shape.edges, shape.edge_weights).item())
+            energy = arap_energy(pair[0], pair[1], shape.edges, shape.edge_weights)
+            values.append(energy.item())
         numeric = (values[0] - values[1]) / (2 * step)
         # Central differences: error of order step² of an energy of order one.
         np.testing.assert_allclose((moved.grad * direction).sum().item(), numeric, rtol=1e-5)

@@ -1,12 +1,13 @@
 """A weight means the same at any density: the loss of a pair, remeshed finer, is the same."""
 
-from typing import Any
+from typing import Any, cast
 
 import pymeshlab
 import pytest
 import torch
 from shapes import basis_of, blob
 
+from ssm_pipeline.interpolation.interpolator import Interpolator
 from ssm_pipeline.interpolation.settings import SpatialLossSettings
 from ssm_pipeline.interpolation.spatial_loss import spatial_loss
 from ssm_pipeline.matching.pair import match_pair
@@ -42,8 +43,8 @@ def terms(edge_mm: float) -> tuple[int, dict[str, float]]:
     ]
     # Features that are functions of the place: what a trained network gives at either density.
     features = [torch.sin(torch.cat([5 * s.vertices, 9 * s.vertices], 1)) for s in shapes]
-    pair = match_pair(*shapes, *features, MATCHING)
-    found = spatial_loss(pair, Wave(), 3, SpatialLossSettings())
+    pair = match_pair(shapes[0], shapes[1], features[0], features[1], MATCHING)
+    found = spatial_loss(pair, cast(Interpolator, Wave()), 3, SpatialLossSettings())
     return len(shapes[0].vertices), {name: float(term.detach()) for name, term in found.items()}
 
 

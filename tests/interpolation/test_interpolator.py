@@ -3,7 +3,7 @@ from typing import Any
 import torch
 from shapes import basis_of, blob
 
-from ssm_pipeline.interpolation.interpolator import Interpolator, ring_maximum
+from ssm_pipeline.interpolation.interpolator import EdgeConvBlock, Interpolator, ring_maximum
 from ssm_pipeline.interpolation.settings import InterpolationSettings
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import to_shape
@@ -19,7 +19,7 @@ def shape_of(seed: int) -> Any:
 
 def test_ring_maximum_and_gradient_equal_the_plain_loop() -> None:
     shape = shape_of(1)
-    ring = [set() for _ in shape.vertices]
+    ring: list[set[int]] = [set() for _ in shape.vertices]
     for start, end in shape.edges.tolist():
         ring[start] |= {start, end}
     generator = torch.Generator().manual_seed(0)
@@ -38,6 +38,7 @@ def test_the_edge_convolution_equals_the_edge_by_edge_one() -> None:
     shape = shape_of(1)
     torch.manual_seed(0)
     block = Interpolator(InterpolationSettings(width=6, blocks=1)).double().blocks[0]
+    assert isinstance(block, EdgeConvBlock)
     x = torch.randn(1, len(shape.vertices), 6, dtype=torch.float64)
     W_b = block.neighbour.weight
     W_a = block.centre.weight + W_b

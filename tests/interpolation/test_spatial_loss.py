@@ -1,6 +1,6 @@
 """Every form of the spatial loss equals its formula, written plainly with whole maps."""
 
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
@@ -72,7 +72,9 @@ def test_terms_equal_the_plain_formulas(pair: Any, net: Any, settings: Any, T: i
     times = torch.arange(T + 1, dtype=torch.float64) / T
     X = net(x.vertices, Pi_xy @ y.vertices, times, x.neighbours)
     Y = net(y.vertices, Pi_yx @ x.vertices, times, y.neighbours)
-    expected = dict.fromkeys(("align", "arap", "symmetry", "variance", "dirichlet"), 0.0)
+    expected: dict[str, Any] = dict.fromkeys(
+        ("align", "arap", "symmetry", "variance", "dirichlet"), 0.0
+    )
     for A, B, Pi, target, shape in ((X, Y, Pi_xy, y, x), (Y, X, Pi_yx, x, y)):
         area = 5000 * shape.mass
         carried = Pi @ target.vertices
@@ -112,7 +114,10 @@ def test_the_degenerate_interpolation_costs(pair: Any) -> None:
     """Printed alignment calls it perfect, however blurred the map; the cycle does not."""
     by_form = {
         form: spatial_loss(
-            pair, TowardsTheMap(), 1, OURS.model_copy(update={"align_form": form, "arap": 11})
+            pair,
+            cast(Interpolator, TowardsTheMap()),
+            1,
+            OURS.model_copy(update={"align_form": form, "arap": 11}),
         )
         for form in ("printed", "cycle")
     }

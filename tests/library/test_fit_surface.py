@@ -10,6 +10,7 @@ from cohorts import bumpy_cohort, surfaces_of
 
 import ssm_pipeline as ssm
 from ssm_pipeline.fitting import patient
+from ssm_pipeline.fitting.typicality import judge
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,11 @@ def test_a_model_without_cases_is_judged_by_shapes_drawn_from_it(
 ) -> None:
     model, surface = cohort
     seen = []
-    real = patient.judge
-    monkeypatch.setattr(patient, "judge", lambda *a: seen.append(a[-1]) or real(*a))
+
+    def spy(*arguments: Any) -> Any:
+        seen.append(arguments[-1])
+        return judge(*arguments)
+
+    monkeypatch.setattr(patient, "judge", spy)
     ssm.fit(model.truncate(2), surface)
     assert seen[0].case_ids[0] == "drawn_000"

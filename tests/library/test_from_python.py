@@ -42,4 +42,4 @@ def test_a_method_that_does_not_exist_is_refused() -> None:
     meshes = [dataclasses.replace(blob(seed, faces=200), case_id=f"b{seed}") for seed in range(3)]
     for method in ("nricp", "Full", "S3M"):
         with pytest.raises(StudyError, match=rf"no method '{method}': full, network start"):
-            ssm_pipeline.match_cohort(meshes, None, template="b0", method=method)  # type: ignore[arg-type]
+            ssm_pipeline.match_cohort(meshes, None, template="b0", method=method)

@@ -28,6 +28,7 @@ def test_it_is_the_minimum() -> None:
     A, B, penalty = problem()
     C = functional_map(A, B, penalty).requires_grad_()
     ((C @ A - B).square().sum() + (penalty * C.square()).sum()).backward()
+    assert C.grad is not None
     assert C.grad.abs().max() < 1e-6
 
 

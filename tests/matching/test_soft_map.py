@@ -5,7 +5,7 @@ import torch
 from ssm_pipeline.matching.soft_map import soft_maps
 
 
-def dense(F_x: Any, F_y: Any, v_x: Any, v_y: Any, tau: Any) -> Any:
+def dense(F_x: Any, F_y: Any, v_x: Any, v_y: Any, tau: float = 0.07) -> Any:
     F_x, F_y = (torch.nn.functional.normalize(F, dim=1) for F in (F_x, F_y))
     S = F_x @ F_y.T / tau
     return S.softmax(1) @ v_y, S.T.softmax(1) @ v_x
@@ -22,8 +22,9 @@ def inputs(n_x: Any = 37, n_y: Any = 29, channels: Any = 8) -> Any:
 def test_blocks_equal_the_dense_map_and_its_gradient() -> None:
     for block in (8, 10, 100):
         fast, plain = inputs(), inputs()
-        out = soft_maps(*fast, temperature=0.07, block_rows=block)
-        ref = dense(*plain, 0.07)
+        F_x, F_y, v_x, v_y = fast
+        out = soft_maps(F_x, F_y, v_x, v_y, temperature=0.07, block_rows=block)
+        ref = dense(*plain)
         for a, b in zip(out, ref, strict=True):
             torch.testing.assert_close(a, b, rtol=1e-10, atol=1e-12)
         (out[0].sin().sum() + out[1].square().sum()).backward()
@@ -34,7 +35,9 @@ def test_blocks_equal_the_dense_map_and_its_gradient() -> None:
 
 def test_gradient_against_finite_differences() -> None:
     arguments = inputs(7, 6, 3)
-    assert torch.autograd.gradcheck(lambda *a: soft_maps(*a, 0.5, 3), arguments)
+    assert torch.autograd.gradcheck(
+        lambda F_x, F_y, v_x, v_y: soft_maps(F_x, F_y, v_x, v_y, 0.5, 3), arguments
+    )
 
 
 def test_rows_sum_to_one_and_own_features_find_themselves() -> None:
@@ -51,5 +54,9 @@ def test_rows_sum_to_one_and_own_features_find_themselves() -> None:
 def test_single_precision_stays_close() -> None:
     wide = inputs()
     narrow = [w.detach().float() for w in wide]
-    for a, b in zip(soft_maps(*narrow, 0.07, 16), soft_maps(*wide, 0.07, 16), strict=True):
+
+    def maps(F_x: Any, F_y: Any, v_x: Any, v_y: Any) -> Any:
+        return soft_maps(F_x, F_y, v_x, v_y, 0.07, 16)
+
+    for a, b in zip(maps(*narrow), maps(*wide), strict=True):
         torch.testing.assert_close(a.double(), b, rtol=1e-4, atol=1e-4)

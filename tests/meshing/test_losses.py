@@ -25,14 +25,16 @@ def horned(seed: int) -> tuple[Mask, np.ndarray]:
         along = np.clip((own[..., 2] - 20) / 33, 0, 1)
         axis = np.stack([6 * along**2, 8 * along, 20 + 33 * along], -1)
         horn = (np.linalg.norm(own - axis, axis=-1) < 1) & (own[..., 2] > 15)
-        return (((own / [8, 14, 20]) ** 2).sum(-1) < 1) | horn
+        held: np.ndarray = (((own / [8, 14, 20]) ** 2).sum(-1) < 1) | horn
+        return held
 
     return mask_of(inside, 56), rotation @ TIP
 
 
 def inside_by_definition(mask: Mask, radius: float) -> np.ndarray:
     z, y, x = np.indices(mask.voxels.shape)
-    return (mask.to_world(np.stack([x, y, z], -1)) ** 2).sum(-1) < radius**2
+    inside: np.ndarray = (mask.to_world(np.stack([x, y, z], -1)) ** 2).sum(-1) < radius**2
+    return inside
 
 
 def test_voxels_inside_the_mesh_of_an_oblique_image() -> None:
@@ -76,7 +78,8 @@ def test_the_volume_and_depth_of_a_lost_piece() -> None:
 
     def bar(points: np.ndarray) -> np.ndarray:
         x, y, z = np.moveaxis(points, -1, 0)
-        return (np.abs(x) < 3) & (np.abs(y) < 3) & (z > 0) & (z < 30.5)
+        inside: np.ndarray = (np.abs(x) < 3) & (np.abs(y) < 3) & (z > 0) & (z < 30.5)
+        return inside
 
     mesh, _ = mesh_with_quality(mask_of(ball(12), 32), FEW)
     whole = mask_of(lambda p: ball(12)(p) | bar(p), 32)

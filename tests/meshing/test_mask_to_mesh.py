@@ -52,7 +52,8 @@ def test_oblique_anisotropic_ellipsoid_lands_in_the_right_millimetres(mirrored: 
     axes, centre = np.array([24.0, 16.0, 30.0]), (-40.0, 70.0, 300.0)
 
     def inside(points: np.ndarray) -> np.ndarray:
-        return ((points / axes) ** 2).sum(axis=-1) <= 1
+        held: np.ndarray = ((points / axes) ** 2).sum(axis=-1) <= 1
+        return held
 
     mask = mask_of(inside, 34, (0.7, 1.1, 2.0), direction, centre)
     mesh, quality = mesh_with_quality(mask, COARSE)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from loading import loaded_mask
 
 from ssm_pipeline.data_prep.cohorts import luna16, mask_folder
 from ssm_pipeline.geometry.topology import is_oriented_manifold
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.skipif(
 )
 def test_left_lungs(number: int, handles: int) -> None:
     case = luna16.find_cases(DATA / "luna16").cases[number]
-    mesh, quality = mesh_with_quality(case.load(), MeshingSettings())
+    mesh, quality = mesh_with_quality(loaded_mask(case), MeshingSettings())
     assert is_oriented_manifold(mesh.faces)
     assert (quality.euler_number, quality.boundary_loops) == (2, 0)
     assert quality.handles_cut == handles
@@ -35,7 +36,9 @@ def test_left_lungs(number: int, handles: int) -> None:
 def test_hippocampi(number: int) -> None:
     folder = DATA / "msd_hippocampus" / "labelsTr"
     cohort = mask_folder.find_cases(folder, mask_folder.Organ((1, 2)))
-    mesh, quality = mesh_with_quality(cohort.cases[number].load(), MeshingSettings(faces=4000))
+    mesh, quality = mesh_with_quality(
+        loaded_mask(cohort.cases[number]), MeshingSettings(faces=4000)
+    )
     assert is_oriented_manifold(mesh.faces)
     assert quality.euler_number == 2
     assert quality.volume_change_percent == pytest.approx(0, abs=0.05)

@@ -21,7 +21,8 @@ FIRST, SECOND, THIRD = (
 
 
 def read(name: str) -> nbformat.NotebookNode:
-    return nbformat.read(FOLDER / name, as_version=4)
+    notebook: nbformat.NotebookNode = nbformat.read(FOLDER / name, as_version=4)  # type: ignore[no-untyped-call]
+    return notebook
 
 
 def execute(name: str, folder: Path) -> nbformat.NotebookNode:

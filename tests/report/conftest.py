@@ -20,7 +20,8 @@ FLAGS = [
 
 @pytest.fixture(scope="session")
 def content() -> ReportContent:
-    return make_content()
+    made: ReportContent = make_content()
+    return made
 
 
 @pytest.fixture(scope="session")

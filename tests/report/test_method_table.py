@@ -17,7 +17,7 @@ from ssm_pipeline.report.method_table import (
 )
 
 
-def comparison(**columns: list) -> dict[str, pd.DataFrame]:
+def comparison(**columns: list[Any]) -> dict[str, pd.DataFrame]:
     return {"comparison": pd.DataFrame({"method": ["full", "bcpd", "S3M"], **columns})}
 
 
@@ -33,7 +33,7 @@ def further(metrics: dict[str, pd.DataFrame]) -> MethodTable:
     return table
 
 
-def differences(low: float, high: float, p: float | None = None) -> dict[str, list]:
+def differences(low: float, high: float, p: float | None = None) -> dict[str, list[Any]]:
     found = {
         "generalisation_surface_mm": [1.0, 1.1, 1.2],
         "generalisation_surface_difference_mm": [0.0, (low + high) / 2, 0.2],

@@ -13,6 +13,7 @@ import pytest
 from synthetic_report import make_content
 
 from ssm_pipeline.cohort_check.copies import SAME, copies_table
+from ssm_pipeline.report.content import ReportContent
 from ssm_pipeline.report.ids_left import refuse_ids_left
 from ssm_pipeline.report.page import page_html
 from ssm_pipeline.report.renaming import renamed, renamed_html
@@ -20,8 +21,8 @@ from ssm_pipeline.report.settings import ReportSettings
 
 
 @pytest.fixture(scope="module")
-def original():
-    content = make_content(120, 6)
+def original() -> ReportContent:
+    content: ReportContent = make_content(120, 6)
     ids = content.aligned.case_ids
     check = pd.DataFrame(
         {"case_id": ids, "volume_z": np.arange(6.0), "remarks": [f"like {ids[3]}", *[""] * 5]}
@@ -102,6 +103,7 @@ def test_numbers_stay_with_their_case(original: Any, names: dict[str, str]) -> N
         np.testing.assert_array_equal(new.aligned.vertices[at], original.aligned.vertices[index])
         assert new.frames[at] is original.frames[index]
         own, former = new.mesh_of(names[case_id]), original.mesh_of(case_id)
+        assert own is not None
         np.testing.assert_array_equal(own.vertices, former.vertices)
         for table in ("correspondence", "cohort"):
             rows = [getattr(c, table).set_index("case_id") for c in (new, original)]

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pandas as pd
 import pytest
 
 from ssm_pipeline import storage
 from ssm_pipeline.engine.left_files import CASE_FILE
+from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.records import Mesh
 from ssm_pipeline.report.page_tables import page_tables
 from ssm_pipeline.stages.report import _seconds
@@ -49,11 +50,11 @@ def test_a_stage_that_was_reused_has_no_time(content: Any) -> None:
 def test_a_stage_is_reused_if_its_cases_took_longer_than_it(
     tmp_path: Any, seconds: float, expected: Any
 ) -> None:
-    record = SimpleNamespace(seconds=seconds)
+    record = cast(StageRecord, SimpleNamespace(seconds=seconds))
     for number in range(3):
         storage.write_json(tmp_path / f"case_{number}" / CASE_FILE, {"seconds": 1.0})
     assert _seconds(record, tmp_path) == expected
 
 
 def test_a_quick_stage_keeps_its_time(tmp_path: Any) -> None:
-    assert _seconds(SimpleNamespace(seconds=0.02), tmp_path) == 0.02
+    assert _seconds(cast(StageRecord, SimpleNamespace(seconds=0.02)), tmp_path) == 0.02

@@ -35,7 +35,7 @@ def file(content: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(watched_page: Any, file: Path):
+def page(watched_page: Any, file: Path) -> Any:
     return watched_page(file)
 
 
@@ -362,7 +362,7 @@ def test_the_shape_shown_is_saved_as_stl_and_picture(
         page.click("#modes-stl")
     assert download.value.suggested_filename == "blobs_mode2_-1.50.stl"
     download.value.save_as(tmp_path / "shape.stl")
-    saved = trimesh.load(tmp_path / "shape.stl")
+    saved = trimesh.load_mesh(tmp_path / "shape.stl")
     expected = content.model.reconstruct(np.array([0, -1.5]))
     solid = trimesh.Trimesh(expected, content.model.faces, process=False)
     np.testing.assert_allclose(saved.triangles, solid.triangles, atol=1e-3)

@@ -41,14 +41,16 @@ def write_markups(path: Path, points_lps: np.ndarray) -> Path:
 
 
 def on_template(run: Run, vertices: list[int]) -> np.ndarray:
-    return run.shapes.vertices[run.cases.index(run.template_id)][vertices]
+    points: np.ndarray = run.shapes.vertices[run.cases.index(run.template_id)][vertices]
+    return points
 
 
 def description(run_folder: Path) -> dict[str, Any]:
     page = (run_folder / "report" / "index.html").read_text(encoding="utf-8")
     found = re.search(r'<script [^>]*id="description">(.*?)</script>', page, flags=re.DOTALL)
     assert found
-    return json.loads(found[1])
+    content: dict[str, Any] = json.loads(found[1])
+    return content
 
 
 def renew(workflow: Workflow, run_folder: Path, file: Path) -> Said:

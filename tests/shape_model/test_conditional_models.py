@@ -26,7 +26,8 @@ def small_model(cases: int = 9) -> ShapeModel:
 def covariance(model: ShapeModel) -> np.ndarray:
     """(3V, 3V) mm²."""
     Q = (model.standard_deviations[:, None, None] * model.modes).reshape(model.mode_count, -1)
-    return Q.T @ Q
+    product: np.ndarray = Q.T @ Q
+    return product
 
 
 def coordinates_of(vertices: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,7 @@ def test_killed_at_random_moments(
 
         was_killed = run_and_kill(run, moment)
         resumes_as_if_nothing_had_been(
-            lambda run=run: run_and_kill(run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
+            partial(run_and_kill, run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
         )
         killed += was_killed
         print(
@@ -90,7 +91,7 @@ def test_a_fault_at_every_write(
 
         assert run_with_fault(run, fault, number)
         resumes_as_if_nothing_had_been(
-            lambda run=run: run_and_kill(run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
+            partial(run_and_kill, run, LONG_ENOUGH_S), runs / NAME, undisturbed.results
         )
         print(
             f"{fault} at write {number} of {undisturbed.writes}: same bytes, no finished case "

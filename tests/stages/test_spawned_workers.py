@@ -24,7 +24,7 @@ def test_each_stages_work_runs_in_a_fresh_interpreter(
     found: dict[str, Any] = {}
     map_cases = StageContext.map_cases
 
-    def first_case_apart(context: StageContext, tasks: Any, *rest: Any, **words: Any) -> Any:
+    def first_case_apart(context: StageContext[Any], tasks: Any, *rest: Any, **words: Any) -> Any:
         results = map_cases(context, tasks, *rest, **words)
         if context.name not in found:
             with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.stages.list import STAGES
+from ssm_pipeline.training.loss import pair_loss
 
 
 def listening() -> tuple[Terminal, io.StringIO]:
@@ -143,13 +145,17 @@ def test_training_goes_on_from_its_checkpoint_to_the_same_bits(
     shutil.rmtree(copy / "training")
     from ssm_pipeline.training import train as module
 
-    real, calls = module.pair_loss, []
+    calls: list[int] = []
 
-    def cut_at_the_sixth(*arguments: object) -> object:
+    def counted(*arguments: Any) -> Any:
+        calls.append(1)
+        return pair_loss(*arguments)
+
+    def cut_at_the_sixth(*arguments: Any) -> Any:
         calls.append(1)
         if len(calls) == 6:
             raise PowerCut
-        return real(*arguments)
+        return pair_loss(*arguments)
 
     with monkeypatch.context() as patch:
         patch.setattr(module, "pair_loss", cut_at_the_sixth)
@@ -161,7 +167,7 @@ def test_training_goes_on_from_its_checkpoint_to_the_same_bits(
 
     terminal, said = listening()
     with monkeypatch.context() as patch:
-        patch.setattr(module, "pair_loss", lambda *a: calls.append(1) or real(*a))
+        patch.setattr(module, "pair_loss", counted)
         run_tiny(masks, copy.parent, terminal=terminal)
     assert "training goes on after step 4" in said.getvalue()
     assert len(calls) == 6 + 2

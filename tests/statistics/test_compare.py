@@ -248,7 +248,8 @@ def test_permutations_are_freedman_and_lanes() -> None:
     scores = generator.standard_normal((count, 2)) + nuisance[:, 1:3]
 
     def rest(values: np.ndarray, on: np.ndarray) -> np.ndarray:
-        return values - on @ np.linalg.lstsq(on, values, rcond=None)[0]
+        residuals: np.ndarray = values - on @ np.linalg.lstsq(on, values, rcond=None)[0]
+        return residuals
 
     def trace(values: np.ndarray) -> float:
         small, large = (each.T @ each for each in (rest(values, matrix), rest(values, nuisance)))

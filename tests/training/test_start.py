@@ -99,6 +99,7 @@ def test_packed_weights_are_smaller_and_nearly_the_same(
 def test_the_built_in_weights_fit_the_default_networks(features: str) -> None:
     settings = TrainingSettings(start="built-in", matching=MatchingSettings(features=features))
     refuse_other_networks(settings)
+    assert settings.start_file is not None
     assert load_matcher(settings.start_file).eigenpairs == BUILT_IN_EIGENPAIRS
 
 

@@ -102,11 +102,10 @@ def test_gradients_of_several_pairs_are_their_mean() -> None:
     for pairs in rows:
         still = SETTINGS.matching.model_copy(update={"dropout": 0.0})
         settings = SETTINGS.model_copy(update={"pairs_per_step": pairs, "matching": still})
-        train_networks(
-            [ball, ball],
-            settings,
-            seed=5,
-            on_step=lambda s, row, p=pairs: rows[p].append(row["total"]),
-        )
+
+        def keep(step: int, losses: dict[str, float], pairs: int = pairs) -> None:
+            rows[pairs].append(losses["total"])
+
+        train_networks([ball, ball], settings, seed=5, on_step=keep)
     assert rows[1][0] == pytest.approx(rows[3][0], rel=1e-6)
     assert rows[1] == pytest.approx(rows[3], rel=1e-3)  # rounding grows from step to step

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from loading import loaded_mask
 
 from ssm_pipeline.data_prep.cohorts.luna16 import find_cases
 from ssm_pipeline.data_prep.cohorts.selection import Choice
@@ -40,13 +41,13 @@ def test_masks_here_or_in_the_subfolder(download: Path) -> None:
 
 
 def test_sides(download: Path) -> None:
-    left = find_cases(download).cases[0].load()
-    right = find_cases(download, side="right").cases[0].load()
+    left = loaded_mask(find_cases(download).cases[0])
+    right = loaded_mask(find_cases(download, side="right").cases[0])
     assert np.argwhere(left.voxels)[:, 2].min() == 18
     assert np.argwhere(right.voxels)[:, 2].max() == 8
     both = find_cases(download, side="both", choice=Choice(limit=1)).cases
     assert [case.case_id for case in both] == ["1.2.30.left", "1.2.30.right"]
-    np.testing.assert_array_equal(both[1].load().voxels, right.voxels)
+    np.testing.assert_array_equal(loaded_mask(both[1]).voxels, right.voxels)
 
 
 def test_swapped_sides_are_told(tmp_path: Path) -> None:
@@ -100,7 +101,7 @@ def test_real_left_lungs_lie_to_the_left() -> None:
     cohort = find_cases(REAL, side="both")
     assert len(cohort.cases) == 44
     for left, right in zip(cohort.cases[6:8:2], cohort.cases[7:9:2], strict=True):
-        left_mask, right_mask = left.load(), right.load()
+        left_mask, right_mask = loaded_mask(left), loaded_mask(right)
         left_x, right_x = (
             mask.to_world(np.argwhere(mask.voxels[::4, ::4, ::4]).mean(axis=0)[::-1] * 4)[0]
             for mask in (left_mask, right_mask)
@@ -114,7 +115,7 @@ def test_real_left_lungs_lie_to_the_left() -> None:
 def test_luna16s_own_files() -> None:
     cohort = find_cases(REAL / "seg-lungs-original")
     assert len(cohort.cases) == 2
-    mask = cohort.cases[0].load()
+    mask = loaded_mask(cohort.cases[0])
     assert mask.voxels.shape == (121, 512, 512)
     np.testing.assert_allclose(mask.spacing_mm, [0.76171875, 0.76171875, 2.5], rtol=1e-6)
     np.testing.assert_allclose(mask.origin_mm, [-198.100006, -195, -335.209991])
@@ -128,8 +129,8 @@ def test_right_lungs_mirrored_and_a_scan_excluded(download: Path) -> None:
     assert [case.case_id for case in cohort.cases][:2] == ["1.2.30.left", "1.2.30.right"]
     assert [case.patient for case in cohort.cases] == ["1.2.30"] * 2 + ["1.2.5"] * 2
     assert [case.case_id for case in cohort.dropped] == ["1.2.4.left", "1.2.4.right"]
-    left, right = cohort.cases[0].load(), cohort.cases[1].load()
-    np.testing.assert_array_equal(left.origin_mm, plain.cases[0].load().origin_mm)
-    there = plain.cases[1].load()
+    left, right = loaded_mask(cohort.cases[0]), loaded_mask(cohort.cases[1])
+    np.testing.assert_array_equal(left.origin_mm, loaded_mask(plain.cases[0]).origin_mm)
+    there = loaded_mask(plain.cases[1])
     index = np.argwhere(there.voxels)[:, ::-1].astype(float)
     np.testing.assert_allclose(right.to_world(index), there.to_world(index) * [-1, 1, 1])

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from loading import loaded_mask
 
 from ssm_pipeline.data_prep.cohorts.mask_folder import Organ, find_cases
 from ssm_pipeline.data_prep.cohorts.selection import Choice
@@ -74,7 +75,7 @@ def test_nothing_matches(tmp_path: Path) -> None:
 def test_real_hippocampi() -> None:
     cohort = find_cases(HIPPOCAMPI, Organ((1, 2), name="hippocampus"))
     assert len(cohort.cases) == 60
-    mask = cohort.cases[0].load()
+    mask = loaded_mask(cohort.cases[0])
     assert mask.case_id == "hippocampus_003"
     assert 2e3 < mask.volume_mm3 < 5e3
 
@@ -106,7 +107,7 @@ def test_visits_and_sides_of_one_patient_belong_together(tmp_path: Path) -> None
     left, right = cohort.cases
     assert (left.case_id, right.case_id) == ("sub-01_hemi-L", "sub-01_hemi-R")
     assert left.patient == right.patient == "sub-01"
-    one, other = left.load(), right.load()
+    one, other = loaded_mask(left), loaded_mask(right)
     index = np.argwhere(one.voxels)[:, ::-1].astype(float)
     np.testing.assert_allclose(other.to_world(index), one.to_world(index) * [-1, 1, 1])
 

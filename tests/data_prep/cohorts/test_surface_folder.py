@@ -9,6 +9,7 @@ from shapes import blob
 
 from ssm_pipeline.data_prep.cohorts.selection import Choice
 from ssm_pipeline.data_prep.cohorts.surface_folder import find_cases, read_surface
+from ssm_pipeline.data_prep.formats.organ_size import Unit
 from ssm_pipeline.export.meshes import write_ply
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.records import CaseError, Mesh, StudyError, Surface
@@ -37,7 +38,7 @@ def test_a_folder_of_every_kind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("m", 1e-3), ("cm", 1e-1), ("mm", 1.0)])
-def test_units(tmp_path: Path, unit: str, scale: float) -> None:
+def test_units(tmp_path: Path, unit: Unit, scale: float) -> None:
     path = write(tmp_path / "a.stl", scale)
     surface = read_surface(path, "a", unit=unit)
     np.testing.assert_allclose(

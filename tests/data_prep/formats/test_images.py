@@ -225,7 +225,8 @@ def test_the_unit_of_a_nifti_counts_whichever_form_places_it(
     good = read_labels(nifti_with(tmp_path / "good.nii", {}), "a")
     fields = {123: bytes([unit | 8]), 252: struct.pack("<2h", *codes)}  # 8: and times in seconds
     path = nifti_with(tmp_path / "other.nii", fields)
-    for given, factor in ((None, mm), ("m", 1000.0)):  # what the user says counts first
+    sizes: tuple[tuple[Unit | None, float], ...] = ((None, mm), ("m", 1000.0))
+    for given, factor in sizes:  # what the user says counts first
         other = read_labels(path, "a", given)
         np.testing.assert_allclose(other.spacing_mm, factor * good.spacing_mm, rtol=1e-5)
         np.testing.assert_allclose(other.origin_mm, factor * good.origin_mm, rtol=1e-5)

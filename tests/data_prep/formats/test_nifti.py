@@ -41,7 +41,8 @@ def moved(*offset: float) -> np.ndarray:
 
 
 def in_lps(affine: np.ndarray) -> np.ndarray:
-    return (INDEX @ affine[:3, :3].T + affine[:3, 3]) * [-1, -1, 1]
+    points: np.ndarray = (INDEX @ affine[:3, :3].T + affine[:3, 3]) * [-1, -1, 1]
+    return points
 
 
 def test_a_slightly_skewed_sform_is_read(tmp_path: Path) -> None:
@@ -76,7 +77,7 @@ def test_forms_that_differ_in_size_or_handedness_are_refused(tmp_path: Path) -> 
     with pytest.raises(CaseError, match="mirror images of each other"):
         read_organ(written(tmp_path / "a.nii", RAS, mirrored, codes=(1, 1)), (1,), "a")
     path = written(tmp_path / "a.nii", RAS, larger, codes=(1, 1))
-    header = nibabel.load(path).header
+    header = nibabel.Nifti1Image.from_filename(path).header
     header.set_sform(RAS, 1)
     nibabel.save(nibabel.Nifti1Image(LABELS, None, header), path)
     with pytest.raises(CaseError, match=r"voxels of 1\.6 × 1\.6 × 2 mm.*different voxel sizes"):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from loading import loaded_mask
 from seg_files import write_dicom_seg, write_seg_nrrd
 
 from ssm_pipeline.data_prep.cohorts import luna16
@@ -73,5 +74,5 @@ def test_a_bean(tmp_path: Path) -> None:
 @pytest.mark.skipif(not REAL.is_dir(), reason="../shared/data/luna16 is not here")
 @pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.slow), 20])
 def test_left_lungs(tmp_path: Path, number: int) -> None:
-    mask = cropped(luna16.find_cases(REAL).cases[number].load())
+    mask = cropped(loaded_mask(luna16.find_cases(REAL).cases[number]))
     check(mask, tmp_path, surface_mm=1.0)  # triangles of 12 mm, cut anew

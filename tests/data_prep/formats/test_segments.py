@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from loading import loaded_mask
 from scipy.spatial.transform import Rotation
 from seg_files import write_dicom_seg, write_seg_nrrd
 
@@ -134,7 +135,7 @@ def test_one_folder_a_patient(tmp_path: Path) -> None:
         (tmp_path / patient / "DICOMDIR").write_bytes(b"short")
     cohort = find_cases(tmp_path, Organ(segments=("liver",)))
     assert [case.case_id for case in cohort.cases] == ["p1", "p2"]
-    assert cohort.cases[0].load().voxels.sum() == segments["liver"].sum()
+    assert loaded_mask(cohort.cases[0]).voxels.sum() == segments["liver"].sum()
     write_seg_nrrd(tmp_path / "p1" / "again.seg.nrrd", mask, segments)
     with pytest.raises(StudyError, match="two files share the case id p1"):
         find_cases(tmp_path, Organ(segments=("liver",)))

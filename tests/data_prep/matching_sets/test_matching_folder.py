@@ -13,7 +13,7 @@ from ssm_pipeline.data_prep.matching_sets.matching_folder import (
     read_off,
     write_matching_folder,
 )
-from ssm_pipeline.data_prep.matching_sets.matching_set import Between
+from ssm_pipeline.data_prep.matching_sets.matching_set import Between, MatchingSet
 from ssm_pipeline.data_prep.matching_sets.remeshed_phantoms import remeshed_phantoms
 from ssm_pipeline.data_prep.matching_sets.shape_choice import chosen_shapes
 from ssm_pipeline.geometry.similarity import Similarity
@@ -28,11 +28,18 @@ def write(path: Path, text: str) -> None:
     path.write_text(text)
 
 
+def read_set(folder: Path) -> MatchingSet:
+    """A folder of shapes that all correspond to one template."""
+    shapes = read_matching_folder(folder)
+    assert isinstance(shapes, MatchingSet)
+    return shapes
+
+
 def test_off_and_corres_folders_count_from_one_and_sort_naturally(tmp_path: Path) -> None:
     for name, numbers in (("cat10", "1\n1\n4\n"), ("cat2", "4\n3\n2\n")):
         write(tmp_path / "off" / f"{name}.off", TETRAHEDRON)
         write(tmp_path / "corres" / f"{name}.vts", numbers)
-    shapes = read_matching_folder(tmp_path)
+    shapes = read_set(tmp_path)
     assert [mesh.case_id for mesh in shapes.meshes] == ["cat2", "cat10"]
     assert shapes.template_to_shape[0].tolist() == [3, 2, 1]
     assert shapes.template_to_shape[1].tolist() == [0, 0, 3]
@@ -47,10 +54,10 @@ def test_off_and_corres_folders_count_from_one_and_sort_naturally(tmp_path: Path
 def test_files_beside_each_other_and_in_category_folders(tmp_path: Path) -> None:
     write(tmp_path / "flat" / "a.off", TETRAHEDRON)
     write(tmp_path / "flat" / "a.vts", "2\n")
-    assert read_matching_folder(tmp_path / "flat").template_to_shape[0].tolist() == [1]
+    assert read_set(tmp_path / "flat").template_to_shape[0].tolist() == [1]
     write(tmp_path / "deep" / "off" / "mouse" / "run1.off", TETRAHEDRON)
     write(tmp_path / "deep" / "corres" / "mouse" / "run1.vts", "3 1\n")
-    deep = read_matching_folder(tmp_path / "deep")
+    deep = read_set(tmp_path / "deep")
     assert deep.meshes[0].case_id == "mouse/run1"
     assert deep.template_to_shape[0].tolist() == [2, 0]
 
@@ -185,11 +192,11 @@ def test_what_is_written_is_read_back_by_others_and_by_us(tmp_path: Path) -> Non
     mesh = Mesh(ball.vertices / 3, ball.faces, "ball")
     landmarks = np.array([5, 0, 41])
     write_matching_folder(tmp_path, [mesh], [landmarks])
-    other = trimesh.load(tmp_path / "off" / "ball.off", process=False)
+    other = trimesh.load_mesh(tmp_path / "off" / "ball.off", process=False)
     assert np.asarray(other.vertices) == pytest.approx(mesh.vertices, abs=1e-8)
     assert np.array_equal(other.faces, mesh.faces)
     assert (tmp_path / "corres" / "ball.vts").read_text() == "6\n1\n42\n"
-    again = read_matching_folder(tmp_path)
+    again = read_set(tmp_path)
     assert np.array_equal(again.meshes[0].vertices, mesh.vertices)  # to the last bit
     assert np.array_equal(again.template_to_shape[0], landmarks)
 

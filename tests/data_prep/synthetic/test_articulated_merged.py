@@ -36,6 +36,7 @@ def two_balls(apart: float) -> Mesh:
     other = ball.copy()
     other.apply_translation([apart, 3, 7])
     both = trimesh.util.concatenate([ball, other])
+    assert isinstance(both, trimesh.Trimesh)
     return Mesh(both.vertices, both.faces, "two balls")
 
 

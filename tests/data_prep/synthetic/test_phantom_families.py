@@ -9,13 +9,14 @@ import numpy as np
 import pymeshlab
 import pytest
 import yaml
+from loading import loaded_mask
 
 from ssm_pipeline import storage
 from ssm_pipeline.data_prep.synthetic.phantom_cases import draw_cases, family_named
 from ssm_pipeline.data_prep.synthetic.phantom_family import PhantomFamily
 from ssm_pipeline.data_prep.synthetic.phantom_seeds import DEVELOPMENT, REPORTED
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
 from ssm_pipeline.data_prep.synthetic.phantoms import (
-    PhantomSettings,
     draw_truth,
     make_cohort,
     read_cohort,
@@ -35,9 +36,12 @@ FAMILIES = ("lung", "tube")
 def thinned(name: str, step: int) -> PhantomFamily:
     """A family of fewer points, whose cases are quick to draw and can't be scanned."""
     family = family_named(name)
-    hilum = np.unique(family.hilum // step)
-    kept = {"vertices": family.vertices[::step], "border": family.border[::step], "hilum": hilum}
-    return dataclasses.replace(family, **kept)
+    return dataclasses.replace(
+        family,
+        vertices=family.vertices[::step],
+        border=family.border[::step],
+        hilum=np.unique(family.hilum // step),
+    )
 
 
 @pytest.fixture(scope="module", params=FAMILIES)
@@ -141,7 +145,7 @@ def test_scans_hold_the_true_solids_with_two_labels(cohort: Cohort) -> None:
     assert truth is not None
     assert truth.labels is not None
     for case, vertices in zip(cohort.cases, truth.vertices, strict=True):
-        mask = case.load()
+        mask = loaded_mask(case)
         assert mask.warnings == ()
         assert mask.volume_mm3 == pytest.approx(volume(vertices, truth.faces), rel=0.03)
         mesh, quality = mesh_with_quality(mask, MeshingSettings(faces=1500))
@@ -173,7 +177,9 @@ def test_another_family_replaces_the_folder(tmp_path: Path) -> None:
     coarse = PhantomSettings(family="smooth", cases=2, spacing_mm=(4, 4, 4))
     assert len(make_cohort(tmp_path, coarse).cases) == 2
     assert not list(tmp_path.glob("*.mha"))
-    assert read_cohort(tmp_path).truth.labels is None
+    truth = read_cohort(tmp_path).truth
+    assert truth is not None
+    assert truth.labels is None
 
 
 def test_more_modes_than_there_are_is_refused() -> None:

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loading import loaded_mask
 from scipy.spatial.transform import Rotation
 
 from ssm_pipeline.data_prep.synthetic.phantom_pose import turn_angle
-from ssm_pipeline.data_prep.synthetic.phantoms import PhantomSettings, make_cohort, read_cohort
+from ssm_pipeline.data_prep.synthetic.phantom_settings import PhantomSettings
+from ssm_pipeline.data_prep.synthetic.phantoms import make_cohort, read_cohort
 from ssm_pipeline.data_prep.synthetic.smooth_lung import CENTRE, mean_lung, mode_fields
 from ssm_pipeline.data_prep.synthetic.smooth_phantoms import MAX_SCORE_NORM, draw
 from ssm_pipeline.geometry.closest_point import closest_points
@@ -127,7 +129,7 @@ def test_masks_hold_the_true_solids(cohort: Cohort) -> None:
     assert truth is not None
     assert truth.case_ids == tuple(case.case_id for case in cohort.cases)
     for case, vertices in zip(cohort.cases, truth.vertices, strict=True):
-        mask = case.load()
+        mask = loaded_mask(case)
         assert mask.warnings == ()
         # About 200 000 voxels: the sampled volume is good to a tenth of a percent.
         assert mask.volume_mm3 == pytest.approx(volume(vertices, truth.faces), rel=2e-3)
@@ -143,7 +145,7 @@ def test_right_lungs_lie_to_the_right(cohort: Cohort) -> None:
 
     folder = cohort.cases[0].files[0].parent
     left, right = (
-        luna16.find_cases(folder, side=side).cases[0].load() for side in ("left", "right")
+        loaded_mask(luna16.find_cases(folder, side=side).cases[0]) for side in ("left", "right")
     )
     left_x, right_x = (
         mask.to_world(np.argwhere(mask.voxels).mean(axis=0)[::-1])[0] for mask in (left, right)
