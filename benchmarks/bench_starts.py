@@ -97,13 +97,15 @@ def main() -> None:
         for y in others:
             template, truth = shape(figures, y)
             points, goal = (np.arange(len(truth)), truth) if merged else (truth, on_case)
-            meshes = template, case
-            bases = [spectral_basis(mesh, SPECTRAL) for mesh in meshes]
-            coarse = tuple(spectral_basis(decimate(mesh, FACES), SPECTRAL) for mesh in meshes)
+            fine = spectral_basis(template, SPECTRAL), spectral_basis(case, SPECTRAL)
+            coarse = (
+                spectral_basis(decimate(template, FACES), SPECTRAL),
+                spectral_basis(decimate(case, FACES), SPECTRAL),
+            )
             for method in chosen.rows:
                 began = time.process_time()
                 match = correspond_bases(
-                    *bases, matcher, AdaptationSettings(), method, (coarse[0], coarse[1]), 0
+                    fine[0], fine[1], matcher, AdaptationSettings(), method, coarse, 0
                 )
                 seconds = time.process_time() - began
                 error = 100 * distances[match.nearest_vertex[points], goal].mean() / size

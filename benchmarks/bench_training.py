@@ -26,7 +26,7 @@ from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
 
 from ssm_pipeline.engine.process import keep_large_blocks
-from ssm_pipeline.interpolation.interpolator import Interpolator
+from ssm_pipeline.interpolation.interpolator import EdgeConvBlock, Interpolator
 from ssm_pipeline.matching.functional_map import resolvent_mask
 from ssm_pipeline.matching.settings import MatchingSettings
 from ssm_pipeline.matching.shape import Shape, to_shape
@@ -65,20 +65,25 @@ def main() -> None:
         f"{arguments.device}, {torch.get_num_threads()} threads"
     )
     for T in arguments.time_steps:
-        loss, seconds = timed(lambda T=T: pair_loss(x, y, networks, T, settings)[0], networks)
+
+        def step(T: int = T) -> torch.Tensor:
+            return pair_loss(x, y, networks, T, settings)[0]
+
+        def plain_step(T: int = T) -> torch.Tensor:
+            return plain_loss(x, y, networks, T, settings)
+
+        loss, seconds = timed(step, networks)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         line = f"T = {T}: {seconds:.2f} s, loss {loss:.4f}, process peak {peak:.2f} GB"
         if T in arguments.plain_times:
-            plain, plain_seconds = timed(
-                lambda T=T: plain_loss(x, y, networks, T, settings), networks
-            )
+            plain, plain_seconds = timed(plain_step, networks)
             line += (
                 f"; plain {plain_seconds:.2f} s, loss {plain:.4f}; "
                 f"ratio {plain_seconds / seconds:.1f}"
             )
         print(line, flush=True)
         if arguments.where:
-            say_where(lambda T=T: pair_loss(x, y, networks, T, settings)[0], seconds)
+            say_where(step, seconds)
 
 
 def say_where(loss_of: Callable[[], torch.Tensor], seconds: float) -> None:
@@ -194,6 +199,7 @@ def plain_pose(
     time_column = torch.full((len(shape.vertices), 1), t, device=target.device)
     x = interpolator.first(torch.cat([shape.vertices, target - shape.vertices, time_column], dim=1))
     for block in interpolator.blocks:
+        assert isinstance(block, EdgeConvBlock)
         W_b = block.neighbour.weight
         W_a = block.centre.weight + W_b
         features = torch.cat([x[start], x[end] - x[start]], dim=1)
@@ -202,7 +208,8 @@ def plain_pose(
         h = torch.zeros_like(x).scatter_reduce(0, index, edge, "amax", include_self=False)
         pooled = block.pooled(h.amax(dim=0).expand_as(h))
         x = x + block.last(torch.relu(block.local(h) + pooled))
-    return shape.vertices + t * interpolator.last(x)
+    pose: torch.Tensor = shape.vertices + t * interpolator.last(x)
+    return pose
 
 
 def plain_arap(shape: Shape, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:

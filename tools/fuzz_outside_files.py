@@ -6,12 +6,16 @@ import faulthandler
 import json
 import os
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import SimpleITK as sitk
 from fuzz_reader import GZIP, Reader
+
+from ssm_pipeline.records import Mask
 
 
 def write_image(folder: Path, name: str, compressed: bool = False) -> Path:
@@ -36,9 +40,7 @@ def image_reader(name: str, file: str, compressed: bool = False) -> Reader:
     return Reader(name, lambda folder: write_image(folder, file, compressed), read_organ)
 
 
-def _two_segments() -> tuple[object, dict[str, np.ndarray]]:
-    from ssm_pipeline.records import Mask
-
+def _two_segments() -> tuple[Mask, dict[str, np.ndarray]]:
     z, y, x = np.indices((8, 9, 10)) - 4
     ball = x**2 + y**2 + z**2 < 14
     mask = Mask(ball, np.array([1.0, 1.5, 2.0]), np.zeros(3), np.eye(3), "case")
@@ -48,13 +50,15 @@ def _two_segments() -> tuple[object, dict[str, np.ndarray]]:
 def write_slicer(folder: Path) -> Path:
     from seg_files import write_seg_nrrd
 
-    return write_seg_nrrd(folder / "a.seg.nrrd", *_two_segments())
+    mask, segments = _two_segments()
+    return write_seg_nrrd(folder / "a.seg.nrrd", mask, segments)
 
 
 def write_dicom(folder: Path) -> Path:
     from seg_files import write_dicom_seg
 
-    return write_dicom_seg(folder / "a.dcm", *_two_segments())
+    mask, segments = _two_segments()
+    return write_dicom_seg(folder / "a.dcm", mask, segments)
 
 
 def read_segments(path: Path) -> object:
@@ -90,11 +94,8 @@ def read_vtk(path: Path) -> object:
     times would take hours."""
     from ssm_pipeline.data_prep.formats import vtk_surface
 
-    vtk_surface.subprocess = _Forking  # type: ignore[misc, assignment]
-    try:
+    with patch.object(vtk_surface, "subprocess", _Forking):
         return read_surface(path)
-    finally:
-        vtk_surface.subprocess = subprocess
 
 
 class _Forking:
@@ -120,9 +121,9 @@ class _Forking:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             code = 1
             try:
-                vtk_surface.sys.argv = command[1:]
+                sys.argv = command[1:]
                 code = vtk_surface.main()
-                vtk_surface.sys.stdout.flush()
+                sys.stdout.flush()
             finally:
                 os._exit(code)
         os.close(write_end)

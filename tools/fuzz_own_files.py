@@ -171,7 +171,7 @@ def read_withdrawn(path: Path) -> object:
     from ssm_pipeline.engine.withdrawn import without_withdrawn
     from ssm_pipeline.records import CaseSource, Cohort
 
-    case = CaseSource("a", (path.parent / "mask.nii",), lambda: None)  # type: ignore[arg-type]
+    case = CaseSource("a", (path.parent / "mask.nii",), lambda: None)  # type: ignore[arg-type, return-value]
     return without_withdrawn(Cohort("toys", (case,)), path.parent, Terminal())
 
 

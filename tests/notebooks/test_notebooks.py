@@ -21,7 +21,7 @@ FIRST, SECOND, THIRD = (
 
 
 def read(name: str) -> nbformat.NotebookNode:
-    notebook: nbformat.NotebookNode = nbformat.read(FOLDER / name, as_version=4)  # type: ignore[no-untyped-call]
+    notebook: nbformat.NotebookNode = nbformat.read(FOLDER / name, as_version=4)
     return notebook
 
 
