@@ -37,8 +37,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
     Raises:
         StudyError: For settings that don't fit the cases.
     """
-    evaluation_depends_on(study.settings)
-    report_dependencies(study.settings)
+    _refuse_unreadable_landmarks(study.settings)
     terminal.say(f"settings   {study.path}: in order")
     data = study.settings.data
     if data.source == "phantoms":
@@ -50,7 +49,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
     if advice := advice_on_patients(patients):
         terminal.say(f"patients   {advice}")
     for case in cohort.dropped:
-        terminal.say(f"      case {case.case_id}: {case.reason}")
+        terminal.detail(f"case {case.case_id}: {case.reason}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         tasks = [
@@ -62,7 +61,7 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
         usable = [result for result in results if result.dropped is None]
         for result in results:
             for warning in result.row.get("warnings", [result.dropped]):
-                terminal.say(f"      case {result.case_id}: {warning}")
+                terminal.detail(f"case {result.case_id}: {warning}")
         terminal.say(f"{data.noun:<10} {len(usable)} of {len(results)} can be read")
         if len(usable) < FEWEST_CASES:
             terminal.say(f"           at least {FEWEST_CASES} are needed")
@@ -71,6 +70,16 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
             left_out = {r.case_id: r.row["left_out_percent"] for r in usable}
             _compare(meshes, left_out, study.settings, terminal, to)
     return len(usable) == len(results) and len(usable) >= FEWEST_CASES
+
+
+def _refuse_unreadable_landmarks(settings: StudySettings) -> None:
+    """What the evaluation and the report depend on includes landmark files: read them.
+
+    Raises:
+        StudyError: If one is missing or can't be read.
+    """
+    evaluation_depends_on(settings)
+    report_dependencies(settings)
 
 
 def _read_case(case: CaseSource, settings: MeshingSettings, folder: Path) -> Row:
@@ -98,7 +107,7 @@ def _compare(
     table, pairs = check_with_twins(meshes, settings.seed, left_out)
     striking = table[table["remarks"] != ""]
     for case_id, remarks in zip(striking["case_id"], striking["remarks"], strict=True):
-        terminal.say(f"      case {case_id}: {remarks}")
+        terminal.detail(f"case {case_id}: {remarks}")
     terminal.say(f"cohort     {len(striking)} of {len(table)} do not look like the others")
     for line in advice_on_copies(copies_table(pairs)):
         terminal.say(f"           {line}")

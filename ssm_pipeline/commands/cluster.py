@@ -30,13 +30,13 @@ def cluster_at(
         yield None
     elif "://" in where:
         with connected(where) as client:
-            yield DaskCluster(client, memory_gb, say=terminal.say)
+            yield DaskCluster(client, memory_gb, say=terminal.detail)
     elif Path(where).suffix in (".yaml", ".yml"):
         path = Path(where)
         if not path.is_file():
             raise StudyError(f"--cluster {where}: there is no such file.")
         with on_slurm(checked_as(SlurmSettings, read_yaml(path), path)) as client:
-            yield DaskCluster(client, memory_gb, wait_s=None, say=terminal.say)
+            yield DaskCluster(client, memory_gb, wait_s=None, say=terminal.detail)
     else:
         raise StudyError(
             f"--cluster {where}: give a Dask scheduler's address, as tcp://host:8786, or the path "

@@ -87,7 +87,7 @@ def fit_patients(
             f"{fit.typicality.mahalanobis.value:.1f} SD from the mean"
         )
         for line in (*fit.typicality.flags, *fit.remarks):
-            terminal.say(f"      {line}")
+            terminal.detail(f"{line}")
     if not fits:
         raise StudyError("no patient could be fitted; the lines above say why.")
     from ssm_pipeline.export.fits import write_fits

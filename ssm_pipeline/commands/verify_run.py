@@ -30,13 +30,13 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
             if record is None:
                 damaged.append(DamagedFile(folder / "stage.json", "is no record of a stage"))
             elif not record.files:
-                terminal.say(f"      {folder.name}: made before hashes were kept; not looked at")
+                terminal.detail(f"{folder.name}: made before hashes were kept; not looked at")
             else:
                 files, looked_at = files + len(record.files), looked_at + 1
                 damaged += damaged_files(folder, record.files, by_content=True)
             steps.advance_to(number)
         for error in damaged:
-            terminal.say(f"      {error.path} {error.found}")
+            terminal.detail(f"{error.path} {error.found}")
             if remove:
                 undo(error.path, run_folder)
     if not damaged:

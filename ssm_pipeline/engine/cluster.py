@@ -99,9 +99,7 @@ class DaskCluster:
         is_said = False
         while left := self._at_work_in(stage_folder):
             if not is_said:
-                self.say(
-                    f"      waiting for {counted(left, 'case')} that an earlier run left at work"
-                )
+                self.say(f"waiting for {counted(left, 'case')} that an earlier run left at work")
             is_said = True
             time.sleep(1)
 

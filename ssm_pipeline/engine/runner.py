@@ -97,7 +97,7 @@ def run_stages(
                 if error.path in mended or not error.path.is_relative_to(run_folder):
                     raise
                 mended.add(error.path)
-                terminal.say(f"      {error.path} {error.found}: it is made again")
+                terminal.detail(f"{error.path} {error.found}: it is made again")
                 undo(error.path, run_folder)
 
 
@@ -183,7 +183,7 @@ def _remove_damaged(record: StageRecord, folder: Path, terminal: Terminal) -> bo
     """Delete what is not as the stage left it, by its size. True if there was any."""
     damaged = damaged_files(folder, record.files)
     for error in damaged:
-        terminal.say(f"      {error.path} {error.found}: it is made again")
+        terminal.detail(f"{error.path} {error.found}: it is made again")
         undo(error.path, folder.parent)
     return bool(damaged)
 

@@ -66,11 +66,11 @@ def train_resumably(
     try:
         start = load_checkpoint(path) if path.exists() else None
     except DamagedFile as error:
-        terminal.say(f"      {path} {error.found}: {label} starts afresh")
+        terminal.detail(f"{path} {error.found}: {label} starts afresh")
         storage.remove(path)
         start = None
     if start is not None:
-        terminal.say(f"      {label} goes on after step {start.step}")
+        terminal.detail(f"{label} goes on after step {start.step}")
     history = list(start.history) if start else []
     with terminal.steps(label, job.settings.steps) as steps:
 

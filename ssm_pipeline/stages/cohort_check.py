@@ -64,13 +64,13 @@ def check_meshes(context: Context) -> Outcome:
     for path in (context.folder() / "pictures").glob("*.png"):
         path.unlink()
     for case_id, remarks in zip(striking["case_id"], striking["remarks"], strict=True):
-        context.terminal.say(f"      case {case_id}: {remarks}")
+        context.terminal.detail(f"case {case_id}: {remarks}")
         beside = next(other for other in typical if other != case_id)
         path = context.folder() / "pictures" / f"{case_id}.png"
         with storage.written_whole(path) as temporary:
             temporary.write_bytes(picture_beside(meshes[case_id], meshes[beside]))
     for line in advice_on_copies(copies):
-        context.terminal.say(f"      {line}")
+        context.terminal.detail(f"{line}")
     return Outcome(context.case_keys, note=f"{len(striking)} do not look like the others")
 
 

@@ -30,7 +30,7 @@ def list_cases(context: Context) -> Outcome:
     context.write_table("cohort", rows)
     advice = advice_on_patients({str(row["case_id"]): str(row["patient"]) for row in rows})
     if advice and context.cohort.truth is None:
-        context.terminal.say(f"      {advice}")
+        context.terminal.detail(f"{advice}")
     rests_on = context.settings.data.case_settings()
     keys = {case_id: context.case_key(case_id, case_id, rests_on) for case_id in context.case_keys}
     return Outcome(keys, context.cohort.dropped, note=_how_affine(context.cohort))

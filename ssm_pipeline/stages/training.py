@@ -42,9 +42,9 @@ def train_matcher(context: Context) -> Outcome:
     storage.remove(job.checkpoint)
     extent = template_losses["map_extent"].median()
     if extent < COLLAPSED_EXTENT:
-        context.terminal.say(
-            f"      the map has collapsed: it carries every point towards the middle of the other "
-            f"shape ({100 * extent:.0f} % of its extent). What follows rests on it. Train longer "
+        context.terminal.detail(
+            "the map has collapsed: it maps every point towards the middle of the other shape "
+            f"({100 * extent:.0f} % of its extent). All later results depend on it. Train longer "
             "(training.steps), or compare with the method adaptation only."
         )
     loss = template_losses["mean_loss"].mean()

@@ -99,7 +99,7 @@ def test_what_a_killed_run_left_at_work_is_waited_for(dask: DaskBench, tmp_path:
         work = partial(hold, tmp_path / "begun again", tmp_path / "ended again", 0.0)
         map_cases([CaseTask("a", "new", work)], folder, DaskCluster(client, say=said.append))
     assert ended.exists()
-    assert said == ["      waiting for 1 cases that an earlier run left at work"]
+    assert said == ["waiting for 1 case that an earlier run left at work"]
     assert '"new"' in (folder / "a" / "case.json").read_text()
 
 
