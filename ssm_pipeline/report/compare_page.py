@@ -1,4 +1,4 @@
-"""The page of one comparison: where the shape differs with a covariate, and how surely."""
+"""The page of one comparison: where the shape differs with a covariate, and how certain that is."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def write_compare_page(
     is_synthetic: bool = False,
     settings: ReportSettings | None = None,
 ) -> None:
-    """Write the page of a comparison to `path` (.html), whole or not at all: the report's tab of it
-    alone, to be handed on.
+    """Write the page of a comparison to `path` (.html), whole or not at all: only the report's tab
+    of it, to be shared.
 
     Args:
         model: With the scores of the cases of `comparison.design`, in its order.

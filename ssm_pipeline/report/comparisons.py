@@ -18,12 +18,12 @@ from ssm_pipeline.report.tables import ReadableTable, readable
 from ssm_pipeline.shape_model.model import ShapeModel
 from ssm_pipeline.statistics.compare import ShapeComparison, VertexMap
 
-LEVEL = 0.05  # of q, for the share of the surface that is told
+LEVEL = 0.05  # of q, for the share of the surface that is reported
 
 
 @dataclass(frozen=True)
 class ComparisonTables:
-    """What of a comparison is read without the viewer; tables: title → content."""
+    """The parts of a comparison that do not need the viewer; tables: title → content."""
 
     formula: str
     cases: int
@@ -34,9 +34,9 @@ def comparison_tables(
     comparisons: Sequence[ShapeComparison], names: Mapping[str, str]
 ) -> list[ComparisonTables]:
     titles = {
-        "tests": "Tests of the whole shape, a row per term of the formula",
-        "modes": "Mode by mode, each effect in standard deviations",
-        "power": "Power: what this number of cases can show",
+        "tests": "Tests of the whole shape, one row per term of the formula",
+        "modes": "Effects per mode, in standard deviations",
+        "power": "Power: effects that this number of cases can detect",
     }
     return [
         ComparisonTables(

@@ -32,12 +32,12 @@ class ReportContent:
         frames: Per case of `aligned`, from its own millimetres to the model's frame.
         meshes: Each case's own surface, already in the model's frame, mm.
         paths: Interpolations template → case, a few of them.
-        correspondence: case_id, surface_mm, hd95_mm, flipped_percent: the template carried onto the
+        correspondence: case_id, surface_mm, hd95_mm, flipped_percent: the template mapped to the
             case, before any PCA. More columns are shown as they are.
         metrics: Tables by name: compactness (modes, share), generalisation (modes, case_id,
             chamfer_mm, … a row per held-out case), specificity (modes, chamfer_mm, chamfer_se_mm,
             …), comparison (a row per method). `method` separates curves. Missing tables are left
-            out of the page, and said to be.
+            out of the page, which says so.
         cohort: case_id and quality control columns, units in the names; `dropped` holds the reason
             for cases left out (empty otherwise), `warnings` any remarks.
         stages: One mapping per stage: name, seconds (None: reused from an earlier run),
@@ -99,7 +99,7 @@ class ReportContent:
         if self.landmarks is not None and self.aligned.template_id not in case_ids:
             raise ValueError(
                 f"landmarks lie on template {self.aligned.template_id}, which is not among the "
-                "aligned cases: they can't be carried over"
+                "aligned cases: they can't be mapped to the cases"
             )
 
     @property

@@ -83,7 +83,7 @@ def interpolation_strip(path: ShapePath, settings: FigureSettings = _PLAIN) -> F
 
 
 def correspondence_figure(content: ReportContent, settings: FigureSettings = _PLAIN) -> Figure:
-    """The template's grid carried to the cases that fit worst, with their surface distance."""
+    """The template's grid mapped to the cases that fit worst, with their surface distance."""
     table = content.correspondence.set_index("case_id").sort_values("surface_mm", ascending=False)
     others = set(content.aligned.case_ids) - {content.aligned.template_id}
     shown = [case for case in table.index if case in others]

@@ -1,4 +1,4 @@
-"""The page of new patients: each one's surface over the model's fit, and whether to believe it."""
+"""The page of new patients: each surface over the model's fit, and whether it can be trusted."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_fit_page(
     """Write the page of one or more fitted patients to `path` (.html), whole or not at all.
 
     Args:
-        drawn: How many shapes of the model stood in for its cases, too few to judge by.
+        drawn: How many shapes of the model stood in for its cases, too few for a judgement.
     """
     html = fit_html(fits, study, is_synthetic, settings or ReportSettings(), drawn)
     storage.write_text(path, html)
@@ -56,7 +56,7 @@ def fit_html(
     cohort_ids = fits[0].cohort_ids
     cohort_names = short_names(cohort_ids)
     modes = min(settings.modes, len(fits[0].scores))
-    # What is none of the model's kind would take the colours from all others.
+    # A shape unlike the model's cases would stretch the colour range for all others.
     like = [fit for fit in fits if not fit.typicality.is_flagged] or fits
     description = {
         "study": study,
@@ -82,11 +82,11 @@ def fit_html(
         is_synthetic=is_synthetic,
         patients=patients,
         beside=(
-            f"Beside {counted(drawn, 'shape')} drawn from the model, because it has too few "
-            "cases. Drawn shapes are more alike than patients: limits and intervals are too narrow"
+            f"Compared with {counted(drawn, 'shape')} drawn from the model, because it has too few "
+            "cases. Drawn shapes vary less than patients: limits and intervals are too narrow"
             if drawn
-            else f"Beside the model's {counted(len(cohort_ids), 'case')}, each fitted by a model "
-            "without it"
+            else f"Compared with the model's {counted(len(cohort_ids), 'case')}, each fitted by a "
+            "model without it"
         ),
     )
 
@@ -117,7 +117,7 @@ def _patient(fit: FitReport, name: str, settings: ReportSettings, block: Block) 
         "observedPercent": f"{100 * fit.observed_share:.0f}",
         "radiusMm": f"{np.median(fit.radius_mm):.2f}",
         "judged": [
-            _judged("Distance, mean", "mm", 2, typicality.residual),
+            _judged("Distance patient–model, used for the flag", "mm", 2, typicality.residual),
             _judged("Mahalanobis distance", "SD", 1, typicality.mahalanobis),
             {
                 "name": "Rotated by",

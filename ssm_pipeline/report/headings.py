@@ -1,4 +1,4 @@
-"""Column names as people read them: a group, a short heading with its unit, an explanation."""
+"""Readable column names: a group, a short heading with its unit, an explanation."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WORDS = {
     "surface": "surface distance",
     "correspondence": "corresponding points",
     "min": "smallest",
-    "dropped": "left out because",
+    "dropped": "reason for exclusion",
     "cases_in": "cases in",
     "procrustes_f": "Procrustes F",
     "procrustes_df": "degrees of freedom",
@@ -41,7 +41,7 @@ _STEMS = {
     "from_case_hd95": "95th percentile",
     "flipped": "flipped triangles",
     "uncovered": "surface not covered",
-    "coverage": "covered means within",
+    "coverage": "coverage tolerance",
     "distinct": "distinct points",
     "round_trip": "round trip",
     "geodesic": "mean geodesic error",
@@ -51,7 +51,7 @@ _STEMS = {
     "off_surface": "distance off the true surface",
     "lost_piece": "largest part lost",
     "surface_max": "largest",
-    "found_4_in_5": "found four times in five",
+    "found_4_in_5": "smallest effect with 80 % power",
 }
 # Neighbouring columns of one of these beginnings share a heading above.
 _GROUPS = {
@@ -68,23 +68,23 @@ _EXPLANATIONS = {
     "surface": "mean distance from a vertex to the other surface, both ways, averaged",
     "hd95": "95th percentile of the distance from a vertex to the other surface",
     "correspondence": "mean distance of corresponding points",
-    "to_case": "distance from the carried template to the case's surface",
-    "from_case": "distance from the case's surface to the carried template",
-    "flipped": "triangles whose normal points the other way after the template was carried",
-    "uncovered": "area of the case with no template point near",
-    "coverage": "how near a template point must be for the case's surface to count as covered",
-    "distinct": "share of template points with a vertex of the case of their own",
-    "round_trip": "template to case and back: distance from where a point started",
-    "hotelling_t2": "of the modes tested together, in standard deviations",
-    "hotelling_p": "by permutation, of the modes tested together",
-    "procrustes_f": "explained over residual mean square, of all coordinates in millimetres",
-    "procrustes_p": "by permutation, of all coordinates in millimetres",
-    "explained": "of the variance that the other terms leave",
-    "found_4_in_5": "the smallest difference that this number of cases finds four times in five",
+    "to_case": "distance from the mapped template to the case's surface",
+    "from_case": "distance from the case's surface to the mapped template",
+    "flipped": "triangles whose normal is reversed after the template was mapped",
+    "uncovered": "surface area of the case without a template point nearby",
+    "coverage": "a surface point is covered if a template point is within this distance",
+    "distinct": "share of template points that share their vertex of the case with no other",
+    "round_trip": "distance between a point and its image after mapping to the case and back",
+    "hotelling_t2": "joint test of the leading modes, in standard deviations",
+    "hotelling_p": "permutation test of the leading modes together",
+    "procrustes_f": "explained over residual mean square, of all coordinates in mm",
+    "procrustes_p": "permutation test of all coordinates in mm",
+    "explained": "share of the variance that the other terms do not explain",
+    "found_4_in_5": "smallest effect that this number of cases detects with 80 % probability",
     "surface_max": "largest distance from the surface of the mask, or of the file, to the mesh",
     "lost_piece": "largest connected part of the mask that the mesh lacks, and how far it reaches",
     "handles_cut": "rings and bridges that were cut open; meshing.cut_handles: false keeps them",
-    "variance": "share of the method's own variance that these modes hold",
+    "variance": "share of the method's own variance that these modes explain",
 }
 
 

@@ -26,11 +26,11 @@ _FURTHER: tuple[Column, ...] = (
     ("specificity_chamfer", "Specificity", "Chamfer", "mm"),
     ("generalisation_hd95", "Generalisation", "95th percentile", "mm"),
     ("surface_fit", "New case", "fitted by the model", "mm"),
-    ("seen_specificity_surface", "Specificity", "of as few cases, seen", "mm"),
-    ("unseen_specificity_surface", "Specificity", "of as few cases, unseen", "mm"),
+    ("seen_specificity_surface", "Specificity", "model of fewer cases, seen", "mm"),
+    ("unseen_specificity_surface", "Specificity", "model of fewer cases, unseen", "mm"),
     ("labels_border", "Label borders", "displaced", "mm"),
-    ("variance_kept", "Variance", "of the truth's", "percent"),
-    ("variance", "Variance", "of its own", "percent"),
+    ("variance_kept", "Variance", "relative to the truth", "percent"),
+    ("variance", "Variance", "explained", "percent"),
 )
 _MOST_WITH_P = 2  # with more intervals than this, p is shown on hover instead of in its own column
 _UNIT_TEXT = {"mm": "mm", "percent": "%"}
@@ -388,4 +388,4 @@ def _floor(metrics: Mapping[str, pd.DataFrame], measures: Sequence[Column]) -> M
         return None
     nan = float("nan")
     cells = tuple(Score(values.get(prefix, nan), nan, 2) for prefix, *_ in measures)
-    return MethodRow("floor of the distance", "floor", None, None, cells)
+    return MethodRow("lower bound of the distance", "floor", None, None, cells)

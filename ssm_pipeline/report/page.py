@@ -87,7 +87,7 @@ def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
     template = content.aligned.template_id
     return [
         ("Cases in the model", str(len(model.case_ids)), ""),
-        ("Cases left out", str(dropped), ""),
+        ("Cases excluded", str(dropped), ""),
         ("Modes of variation", str(model.mode_count), ""),
         (
             "Modes for 90 / 95 / 99 % of the variance",
@@ -107,8 +107,8 @@ def _modes_shown(content: ReportContent, settings: ReportSettings) -> str:
         return ""
     share = 100 * model.variances[: settings.modes].sum() / model.variances.sum()
     return (
-        f"{settings.modes} of {model.mode_count} modes are shown; they hold {share:.1f} % of the "
-        "variance. The setting report.modes shows more."
+        f"{settings.modes} of {model.mode_count} modes are shown; they explain {share:.1f} % of "
+        "the variance. The setting report.modes shows more."
     )
 
 
@@ -152,7 +152,7 @@ def _pictures(content: ReportContent, settings: ReportSettings) -> dict[str, Any
 
 
 def _chamfer_floor(content: ReportContent) -> str | None:
-    """What the Chamfer distance of a shape to itself is, which its sampling alone decides."""
+    """The Chamfer distance of a shape to itself, which depends only on the sampling."""
     table = content.metrics.get("generalisation")
     if table is None or not {"chamfer_floor_mm", "points"} <= set(table.columns):
         return None

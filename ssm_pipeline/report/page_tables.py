@@ -15,23 +15,24 @@ from ssm_pipeline.report.tables import Cell, ReadableTable, readable
 from ssm_pipeline.shape_model.model import ShapeModel
 
 _TITLES = {
-    "comparison": "The rest of the comparison",
+    "comparison": "Other columns of the comparison",
     "fit": "Fit of each method's correspondences, mean over the cases",
-    "paper": "The numbers published, on other data",
-    "recovered_modes": "Recovered modes of the known truth",
-    "unseen_generalisation": "Generalisation to cases that nothing was learned from",
-    "unseen_labels_mean": "Labels carried to cases that nothing was learned from",
-    "unseen_specificity": "Specificity towards cases that nothing was learned from",
-    "nearest_case": "Each case and the nearest of the others",
+    "paper": "Published numbers, on other data",
+    "recovered_modes": "Recovery of the known modes of variation",
+    "unseen_generalisation": "Generalisation to cases unseen in training",
+    "unseen_labels_mean": "Labels transferred to cases unseen in training",
+    "unseen_specificity": "Specificity relative to cases unseen in training",
+    "surface_fits": "Fit of the model to each left-out case",
+    "nearest_case": "Nearest other case of each case",
     "truth": "Distance from the known truth",
     "truth_mean": "Distance from the known truth, mean over the cases",
-    "labels": "Anatomical labels carried from all other cases, by case",
-    "labels_mean": "Anatomical labels carried from case to case",
-    "landmarks": "Landmarks carried from all other cases, by case",
-    "landmarks_mean": "Landmarks carried from case to case",
+    "labels": "Anatomical labels transferred from all other cases, by case",
+    "labels_mean": "Anatomical labels transferred between cases",
+    "landmarks": "Landmarks transferred from all other cases, by case",
+    "landmarks_mean": "Landmarks transferred between cases",
     "interpolation": "Conformal distortion along the interpolations",
 }
-# Drawn or told elsewhere, or a row per case of what a table of means holds.
+# Shown elsewhere on the page, or the rows per case of a table of means.
 _PLACED = {
     "comparison_95",
     "compactness",

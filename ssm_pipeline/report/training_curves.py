@@ -1,4 +1,4 @@
-"""How the training went: its losses, and the map watched while it trains."""
+"""The training: its losses, and the state of the map during training."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pandas as pd
 from ssm_pipeline.matching.settings import COLLAPSED_EXTENT
 
 POINTS = 120  # of a curve on the page; each is the mean over as many steps as fall to it
-COLLAPSED_COSINE = 0.9  # so have features that all point one way
+COLLAPSED_COSINE = 0.9  # above it, the features hardly differ
 
 # Column of the losses' table, title, unit.
 _WATCHED = (
     ("map_extent", "Extent of the soft map", "share of the target's extent"),
     ("map_sharpness", "Sharpness of the soft map", "largest weight of a row, mean"),
-    ("mean_cosine", "Likeness of the features", "mean cosine between vertices"),
+    ("mean_cosine", "Similarity of the features", "mean cosine between vertices"),
     ("share_hit", "Vertices hit", "share of the target's vertices"),
 )
 _NOT_LOSSES = {"step", "schedule", "seconds", *(column for column, *_ in _WATCHED)}
@@ -51,7 +51,7 @@ def training_charts(losses: pd.DataFrame | None) -> list[dict[str, Any]]:
 
 
 def collapse_warning(losses: pd.DataFrame | None) -> str | None:
-    """What to tell where the soft map ended collapsed, judged by the last tenth of the steps."""
+    """The warning for a soft map that collapsed, judged by the last tenth of the steps."""
     if losses is None or losses.empty:
         return None
     last = losses.tail(max(len(losses) // 10, 1))
@@ -63,11 +63,11 @@ def collapse_warning(losses: pd.DataFrame | None) -> str | None:
     if extent < COLLAPSED_EXTENT:
         found.append(f"the soft map covers {100 * extent:.0f} % of its target's extent")
     if cosine > COLLAPSED_COSINE:
-        found.append(f"all features point nearly one way (mean cosine {cosine:.2f})")
+        found.append(f"all features are nearly parallel (mean cosine {cosine:.2f})")
     if not found:
         return None
     return (
-        f"The map has collapsed: {' and '.join(found)}. What the network matched is not to be "
+        f"The map has collapsed: {' and '.join(found)}. The matches of the network cannot be "
         "trusted. Train for more steps, or compare with the rows that use no network."
     )
 

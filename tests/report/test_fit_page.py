@@ -53,7 +53,7 @@ def test_residuals_and_uncertainty_are_those_of_the_fit(
     np.testing.assert_allclose(residual[fit.observed], fit.distances_mm[fit.observed], atol=1e-3)
     radius = page.evaluate("viewer.fit.values('radius')")
     np.testing.assert_allclose(radius, fit.radius_mm, atol=1e-3)
-    assert "not seen" in page.locator("#fit-caption").inner_text()
+    assert "not observed" in page.locator("#fit-caption").inner_text()
     page.select_option("#fit-paint", "radius")
     assert "uncertainty" in page.locator("#fit-caption").inner_text()
 

@@ -91,9 +91,9 @@ def test_a_tick_shows_that_cases_reconstruction(page: Any, content: Any) -> None
     error = np.linalg.norm(
         content.model.reconstruct(scores) - content.aligned.vertices[case], axis=1
     ).mean()
-    assert f"{content.model.case_ids[case]} from 5 modes" in note
+    assert f"{content.model.case_ids[case]} reconstructed from 5 modes" in note
     assert f"{error:.2f} mm" in note
-    assert "Green: its own surface" in note
+    assert "Green: the case's own surface" in note
 
 
 def test_play_moves_one_mode_and_stops(page: Any) -> None:
@@ -449,7 +449,7 @@ def test_a_browser_without_webgl_says_so(browser: Any, file: Path) -> None:
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(file.as_uri())
     page.click("#tab-modes")
-    assert "WebGL 2 is switched off" in page.locator("#panel-modes").inner_text()
+    assert "WebGL 2 is disabled" in page.locator("#panel-modes").inner_text()
     page.close()
     assert errors == []
 

@@ -97,7 +97,7 @@ export function lineChart(lines, options) {
   const scaled = (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
   const x = (m) => LEFT + ((W - LEFT - RIGHT) * (m - first)) / Math.max(last - first, 1e-9);
   const y = (v) => H - BOTTOM - (H - TOP - BOTTOM) * scaled(v);
-  const chart = svg("svg", { viewBox: `0 0 ${W} ${H}`, tabindex: 0, role: "img", "aria-label": `${title}, ${unit}, by ${xLabel}. Left and right arrow keys read values.` });
+  const chart = svg("svg", { viewBox: `0 0 ${W} ${H}`, tabindex: 0, role: "img", "aria-label": `${title}, ${unit}, by ${xLabel}. Press the left and right arrow keys to read values.` });
   const vertical = log ? logTicks(low, high) : ticks(low, high, 5);
   for (const value of vertical.values) {
     chart.append(svg("path", { class: "axis", d: `M${LEFT} ${y(value)}H${W - RIGHT}` }));
@@ -195,7 +195,7 @@ export function lineChart(lines, options) {
   read(at);
   element.append(chart, lines.length > 1 ? reading : single);
   const sets = [...new Set(together.filter((set) => set.length > 1).map((set) => set.map((i) => lines[i].name).join(" = ")))];
-  if (sets.length) element.append(html("p", { className: "note", textContent: `Striped: lines that coincide (${sets.join("; ")}).` }));
+  if (sets.length) element.append(html("p", { className: "note", textContent: `Striped lines coincide (${sets.join("; ")}).` }));
   return {
     element,
     choose(names) {

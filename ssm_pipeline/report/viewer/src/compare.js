@@ -59,7 +59,7 @@ export function startCompare(compare, block) {
       return cell;
     }));
     const grey = mask === "all" ? "" : ` Grey: ${mask} is 0.05 or more.`;
-    $("compare-caption").textContent = `${effect.name}: displacement of the mean shape along its surface normal, in mm.${grey} Drag to turn, scroll or pinch to zoom; with the keyboard, arrow keys turn and + − zoom.`;
+    $("compare-caption").textContent = `${effect.name}: displacement of the mean shape along its surface normal, in mm.${grey} Drag to rotate, scroll or pinch to zoom. On the keyboard, the arrow keys rotate and + and − zoom.`;
     stage.draw();
   }
 

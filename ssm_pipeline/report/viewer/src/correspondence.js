@@ -71,7 +71,7 @@ export function startCorrespondence(study, model, casesBlock) {
     element.className = isTemplate ? "cell template" : "cell";
     const canvas = document.createElement("canvas");
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `Case ${c.id} with the template's grid`);
+    canvas.setAttribute("aria-label", `Case ${c.id} with the grid of the template`);
     const name = Object.assign(document.createElement("div"), { textContent: isTemplate ? `${c.id} (template)` : c.id, title: c.wholeId });
     const error = Object.assign(document.createElement("span"), {
       innerHTML: fit == null ? "fit not measured" : `mean ${fit.toFixed(2)} mm<br>95 %: ${c.fit.hd95_mm.toFixed(2)} mm`,
@@ -169,7 +169,7 @@ export function startCorrespondence(study, model, casesBlock) {
   for (const name of ["pointerup", "pointercancel"]) grid.addEventListener(name, () => (held = null));
   grid.tabIndex = 0;
   grid.setAttribute("role", "group");
-  grid.setAttribute("aria-label", "All cases; arrow keys turn them together");
+  grid.setAttribute("aria-label", "All cases; the arrow keys rotate them together");
   grid.addEventListener("keydown", (event) => {
     const by = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.15], ArrowDown: [0, -0.15] }[event.key];
     if (!by) return;
@@ -182,9 +182,9 @@ export function startCorrespondence(study, model, casesBlock) {
     draw();
   });
   $("correspondence-landmarks")?.addEventListener("change", draw);
-  const landmarks = study.landmarks.length ? ` Red: the template's landmarks (${study.landmarks.join(", ")}), carried over.` : "";
+  const landmarks = study.landmarks.length ? ` Red: the template's landmarks (${study.landmarks.join(", ")}), mapped to each case.` : "";
   const source = study.template.isCase ? `template ${study.template.id}` : "the mean shape";
-  $("correspondence-caption").textContent = `A grid of ${study.template.gridMm} mm painted on ${source} and carried to every case by the correspondences: the same colour is the same anatomical point, and even, unbroken cells mean an even match. Numbers: mean and 95th percentile distance between the carried template and the case's surface. All cases have one scale; drag any of them to turn all.${landmarks}`;
+  $("correspondence-caption").textContent = `A grid of ${study.template.gridMm} mm painted on ${source} and mapped to every case by the correspondences. The same colour marks corresponding points; regular, unbroken cells indicate a smooth correspondence. Numbers: mean and 95th percentile distance between the mapped template and the case's surface. All cases are shown at the same scale. Drag any of them to rotate all.${landmarks}`;
   order();
   return { order: () => [...grid.children].map((element) => element.children[1].textContent) };
 }

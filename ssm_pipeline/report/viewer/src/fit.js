@@ -10,7 +10,7 @@ const BONE = [0.69, 0.6, 0.46]; // linear light
 const HIDDEN = [0.32, 0.33, 0.36]; // where nothing of the patient was seen
 const PAINTS = {
   residual: { legend: "0 mm", caption: "Colour: distance from the model's reconstruction to the patient's surface, in mm." },
-  radius: { legend: "0 mm", caption: "Colour: uncertainty. The patient's own surface passes within this many mm of a vertex in 9 of 10." },
+  radius: { legend: "0 mm", caption: "Colour: uncertainty. The patient's surface lies within this distance of 9 in 10 vertices, in mm." },
 };
 
 export function startFit(study, block) {
@@ -50,7 +50,7 @@ export function startFit(study, block) {
   }
 
   function numbers() {
-    const readings = [["Distance, mean", `${chosen.meanMm} mm`], ["Distance, 95th percentile", `${chosen.hd95Mm} mm`], ["Surface seen", `${chosen.observedPercent} %`], ["Uncertainty, median", `${chosen.radiusMm} mm`]];
+    const readings = [["Distance patient–model, mean", `${chosen.meanMm} mm`], ["Distance patient–model, 95th percentile", `${chosen.hd95Mm} mm`], ["Surface observed", `${chosen.observedPercent} %`], ["Uncertainty, median", `${chosen.radiusMm} mm`]];
     $("fit-readouts").replaceChildren(...readings.map(([name, value]) => {
       const cell = document.createElement("div");
       cell.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
@@ -114,9 +114,9 @@ export function startFit(study, block) {
     reconstruction.visible = shown !== "patient";
     $("fit-legend").style.visibility = values ? "visible" : "hidden";
     if (values) legend($("fit-legend"), "sequential", "0 mm", `${range} mm or more`);
-    const hidden = observed && kind === "residual" ? " Dark: the part that was not seen, completed by the model." : "";
+    const hidden = observed && kind === "residual" ? " Dark: the part that was not observed; the model completes it." : "";
     const overlay = own ? ` Green${shown === "both" ? " net" : ""}: the patient's own surface.` : "";
-    $("fit-caption").textContent = `${PAINTS[kind]?.caption ?? "The model's reconstruction."}${hidden}${overlay} As it lies in the scanner. Drag to turn, scroll or pinch to zoom; with the keyboard, arrow keys turn and + − zoom.`;
+    $("fit-caption").textContent = `${PAINTS[kind]?.caption ?? "The model's reconstruction."}${hidden}${overlay} Shown in scanner orientation. Drag to rotate, scroll or pinch to zoom. On the keyboard, the arrow keys rotate and + and − zoom.`;
     stage.draw();
   }
 

@@ -23,7 +23,7 @@ export function startInterpolation(study) {
   const play = $("interpolation-play");
   let stage, path, shape, playing = null;
 
-  legend($("interpolation-legend"), "sequential", `${KEPT} (kept)`, `${WORST} or more`);
+  legend($("interpolation-legend"), "sequential", `${KEPT} (unchanged)`, `${WORST} or more`);
   $("interpolation-pair").append(...study.paths.map((p, i) => new Option(`${p.template} → ${p.case}`, i)));
 
   function load(index) {

@@ -54,7 +54,7 @@ const in3D = (name, start) => () => {
     return;
   }
   const note = document.createElement("p");
-  note.textContent = "This browser shows no 3D pictures: WebGL 2 is switched off or missing. The Overview and Quality tabs work without it.";
+  note.textContent = "This browser cannot show 3D graphics: WebGL 2 is disabled or missing. The Overview and Quality tabs work without it.";
   document.getElementById(`panel-${name}`).prepend(note);
 };
 

@@ -132,9 +132,9 @@ export function startModes(study, model, casesBlock) {
     if (chosen === null) return "";
     const c = study.cases[chosen];
     const exact = c.scores.every((value, mode) => Math.abs(value - scores[mode]) < 1e-9);
-    if (!exact) return `Started from case ${c.id}, then changed by hand.`;
-    const overlay = own ? " Green: its own surface." : "";
-    return `Case ${c.id} from ${scores.length} modes: on average ${c.reconstructionMm.toFixed(2)} mm from its corresponding points.${overlay}`;
+    if (!exact) return `Based on case ${c.id}, changed with the sliders.`;
+    const overlay = own ? " Green: the case's own surface." : "";
+    return `Case ${c.id} reconstructed from ${scores.length} modes: mean distance of corresponding points ${c.reconstructionMm.toFixed(2)} mm.${overlay}`;
   }
 
   function update() {
