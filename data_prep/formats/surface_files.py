@@ -171,9 +171,9 @@ def _welded(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    if not np.isfinite(vertices).all():
-        return vertices, faces
     reach = WELD_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    if not reach < 1e100:  # not finite, or beyond what squared distances can hold
+        return vertices, faces
     pairs = cKDTree(vertices).query_pairs(reach, output_type="ndarray")
     count = len(vertices)
     near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))

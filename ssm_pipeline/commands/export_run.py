@@ -84,7 +84,9 @@ def _write(
 
         written += write_tables(model, folder)
         written.append(folder / "measurements.csv")
-        table = measurements(model, case_ids, [run.mesh(case_id) for case_id in cases])
+        meshes = [run.mesh(case_id) for case_id in cases]
+        places = [run.shapes.case_ids.index(case_id) for case_id in cases]
+        table = measurements(model, case_ids, meshes, run.shapes.vertices[places])
         storage.write_table(table, written[-1])
     if "glb" in formats:
         from ssm_pipeline.export.glb import write_glb

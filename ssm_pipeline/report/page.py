@@ -94,7 +94,11 @@ def _facts(content: ReportContent) -> list[tuple[str, str, str]]:
             " / ".join(str(model.modes_for(share)) for share in (0.9, 0.95, 0.99)),
             "",
         ),
-        ("Volume of the mean shape", f"{volume_ml:.4g} ml", ""),
+        (
+            "Volume of the mean shape",
+            f"{volume_ml:.4g} ml",
+            "On the model's triangles, which enclose slightly less than the meshes of the cases.",
+        ),
         ("Vertices per shape", str(len(model.mean)), ""),
         ("Template", content.names[template], template),
     ]

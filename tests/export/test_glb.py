@@ -74,5 +74,5 @@ def test_other_programs_see_the_organ_upright_in_metres(model: ShapeModel, tmp_p
 def test_as_many_modes_as_asked(model: ShapeModel) -> None:
     gltf = pygltflib.GLTF2.load_from_bytes(glb_bytes(model, 2))
     assert len(gltf.meshes[0].primitives[0].targets) == 2
-    with pytest.raises(ValueError, match="99 modes asked"):
+    with pytest.raises(ValueError, match="99 modes requested"):
         glb_bytes(model, 99)

@@ -22,9 +22,10 @@ def test_copies_are_held_out_together(tmp_path: Path, twins: list[tuple[str, str
     patients = {"a": "01", "b": "01", "c": "1", "d": ""}
     cases = tuple(CaseSource(name, (), no_mask, who) for name, who in patients.items())
     (tmp_path / "cohort_check").mkdir()
+    (tmp_path / "cohort_check" / "stage.json").write_text("{}")
     copies_table(twins).to_csv(tmp_path / "cohort_check" / "copies.csv", index=False)
     context = types.SimpleNamespace(
-        cohort=Cohort("x", cases), folder=lambda stage: tmp_path / stage
+        cohort=Cohort("x", cases), run_folder=tmp_path, readable=frozenset({"cohort_check"})
     )
     found = patients_of(cast(Any, context), ["d", "c", "a", "b"])
     own = "01" if twins else "1"
