@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 
 from ssm_pipeline.data_prep.cohorts.patients import PatientRow, with_patients
 from ssm_pipeline.data_prep.cohorts.sides import Side
+from ssm_pipeline.data_prep.formats.image_files import is_dangling
 from ssm_pipeline.records import CaseSource, Cohort, Dropped, StudyError
 
 LONGEST_ID = 200  # bytes: the id names folders and, with a suffix, files; 255 is the system's limit
@@ -132,7 +133,7 @@ def cohort_of(name: str, sources: Sequence[CaseSource], choice: Choice = ALL) ->
     dropped: list[Dropped] = []
     for source in sources:
         excluded = exclude.get(source.case_id) or exclude.get(source.patient)
-        reason = f"excluded: {excluded}" if excluded else why_unusable(source.case_id)
+        reason = f"excluded: {excluded}" if excluded else why_unusable(source.case_id, source.files)
         if reason:
             dropped.append(Dropped(source.case_id, "data", reason))
         else:
@@ -140,8 +141,8 @@ def cohort_of(name: str, sources: Sequence[CaseSource], choice: Choice = ALL) ->
     return Cohort(name, tuple(kept), tuple(dropped))
 
 
-def why_unusable(case_id: str) -> str:
-    """Why an id can't name a case's folder; empty if it can.
+def why_unusable(case_id: str, paths: Sequence[Path] = ()) -> str:
+    """Why a case can't be used: its id can't name a folder, or a link leads nowhere; else empty.
 
     >>> why_unusable("patient 7"), why_unusable("quality.csv")[:43], why_unusable("nul")[:32]
     ('', "the id is a name that the run's own files h", 'the id is a name that Windows ke')
@@ -157,6 +158,11 @@ def why_unusable(case_id: str) -> str:
         return "the id is a name that Windows keeps for a device. Rename the file."
     if not case_id.isprintable() or case_id != case_id.strip():
         return "the id holds characters that can't be seen. Rename the file."
+    for path in filter(is_dangling, paths):
+        return (
+            f"{path.name} is a link to {path.readlink()}, which does not exist. Copy the file "
+            "there, or correct the link."
+        )
     return ""
 
 

@@ -41,8 +41,22 @@ def image_stem(path: Path) -> str:
 
 
 def is_image(path: Path) -> bool:
-    """True for label images; False for hidden files such as macOS's `._case.nii.gz`."""
-    return image_suffix(path) is not None and not path.name.startswith(".") and path.is_file()
+    """True for label images; False for hidden files such as macOS's `._case.nii.gz`.
+
+    A link to a file that does not exist counts too, so that the case is reported as left out.
+    """
+    is_hidden = path.name.startswith(".")
+    return image_suffix(path) is not None and not is_hidden and is_file_or_link(path)
+
+
+def is_file_or_link(path: Path) -> bool:
+    """True for a file, and for a link to a file that does not exist."""
+    return path.is_file() or is_dangling(path)
+
+
+def is_dangling(path: Path) -> bool:
+    """True for a link to a file that does not exist."""
+    return path.is_symlink() and not path.exists()
 
 
 def check_header(path: Path, case_id: str) -> NiftiFile | None:

@@ -38,13 +38,32 @@ def diagonal_of(points: np.ndarray) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
 
 
+class UnlikelySize(CaseError):
+    """A size that no organ has in millimetres.
+
+    Args:
+        case_id: The case.
+        found: What was found, in a sentence.
+        unit: The unit that the file is probably in.
+        setting: Where the user states the unit, up to its value.
+    """
+
+    def __init__(
+        self, case_id: str, found: str, unit: Unit, setting: str = "Set data.unit to"
+    ) -> None:
+        super().__init__(
+            case_id,
+            f"{found} Is it in {NAMES[unit]}? {setting} {unit}, or mm if it is right as it is.",
+        )
+        self.found, self.unit, self.setting = found, unit, setting
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, Unit, str]]:  # type: ignore[override]
+        return type(self), (self.case_id, self.found, self.unit, self.setting)
+
+
 def check_size(diagonal: float, case_id: str, name: str) -> None:
-    """Raise CaseError for a diagonal that no organ has in millimetres; `name` says of what."""
+    """Raise UnlikelySize for a diagonal that no organ has in millimetres; `name` says of what."""
     unit = likely_unit(diagonal)
     if unit is not None:
-        raise CaseError(
-            case_id,
-            f"{name} is {diagonal:.3g} across, which is no organ's size in millimetres. Is it in "
-            f"{NAMES[unit]}? Set data.unit to {unit} (of one file: --unit {unit}), or to mm if it "
-            "is right as it is.",
-        )
+        found = f"{name} is {diagonal:.3g} across, which is no organ's size in millimetres."
+        raise UnlikelySize(case_id, found, unit)

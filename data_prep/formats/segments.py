@@ -19,10 +19,10 @@ from ssm_pipeline.records import CaseError, Mask
 
 def is_segmentation(path: Path) -> bool:
     """True for a file that may name its segments: NRRD, or DICOM SEG."""
-    if path.name.startswith(".") or not path.is_file():
-        return False
     if is_image(path):
         return image_suffix(path) in (".seg.nrrd", ".nrrd")
+    if path.name.startswith(".") or not path.is_file():
+        return False
     named_by_uid = path.suffix[1:].isdigit()  # 1.2.840.7: no suffix at all
     return (path.suffix.lower() in ("", ".dcm") or named_by_uid) and is_dicom_seg(path)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ssm_pipeline.data_prep.formats.damaged import damaged
+from ssm_pipeline.data_prep.formats.image_files import is_file_or_link
 from ssm_pipeline.data_prep.formats.vtk_surface import UnreadableSurface, read_vtk
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
@@ -23,8 +24,12 @@ _HEADER_BYTES = 4096  # where 3D Slicer's note of the coordinate system stands
 
 
 def is_surface(path: Path) -> bool:
-    """True for surface files; False for hidden files such as macOS's `._case.stl`."""
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+    """True for surface files; False for hidden files such as macOS's `._case.stl`.
+
+    A link to a file that does not exist counts too, so that the case is reported as left out.
+    """
+    is_hidden = path.name.startswith(".")
+    return path.suffix.lower() in SUFFIXES and not is_hidden and is_file_or_link(path)
 
 
 def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:

@@ -75,7 +75,8 @@ def export(
 def fit(
     run_folder: RunFolder,
     patients: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Masks or surfaces of new patients.")
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Masks, surfaces, or folders of new patients."),
     ],
     folder: Annotated[Path, typer.Option("--out", help="Where to.")] = Path("fits"),
     by: Annotated[

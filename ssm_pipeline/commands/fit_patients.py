@@ -10,9 +10,8 @@ import numpy as np
 from ssm_pipeline import storage
 from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.counting import counted
+from ssm_pipeline.data_prep.cohorts.patient_files import patient_files
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
-from ssm_pipeline.data_prep.formats.image_files import image_stem
-from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACES
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.cross_validation import (
@@ -28,6 +27,7 @@ from ssm_pipeline.records import (
     CaseError,
     CorrespondedShapes,
     Correspondence,
+    Dropped,
     Mask,
     Mesh,
     StudyError,
@@ -40,6 +40,7 @@ from ssm_pipeline.study.settings import StudySettings
 from ssm_pipeline.study.study import read_run_settings
 
 WAYS = ("model", "matcher")
+FITS_FILE = "fits.csv"
 
 
 def fit_patients(
@@ -51,21 +52,29 @@ def fit_patients(
     jobs: int = 1,
     terminal: Terminal | None = None,
 ) -> list[FitReport]:
-    """Fit every file, and write tables, surfaces and a page to `folder`.
+    """Fit every patient, and write tables, surfaces and a page to `folder`.
 
-    A file that can't be read is said so and left out.
+    A file that can't be used is left out. The terminal, `fits.csv` and the page say why.
 
     Args:
-        how: The files are read, where not as the study reads its own.
+        files: Masks and surfaces, and folders: every mask and surface below them.
+        folder: It must not hold the results of an earlier call.
+        by: One of `WAYS`.
+        how: What is other about these files than about those of the study.
 
     Raises:
-        StudyError: Where none is left.
+        StudyError: If no patient could be fitted, two files have one id, or `folder` holds the
+            results of an earlier call.
     """
     terminal = terminal or Terminal()
     run, settings = load_run(run_folder), read_run_settings(run_folder)
     if by not in WAYS:
         raise StudyError(f"--by {by}: {' or '.join(WAYS)} is needed.")
-    _refuse_doubled(files)
+    _refuse_former_fits(folder)
+    found = patient_files(files)
+    left_out = list(found.left_out)
+    for dropped in left_out:
+        terminal.say(f"left out {dropped.case_id}: {dropped.reason}")
     if advice := advice_on_patients(run.patients):
         terminal.say(advice)
     shapes, meshes, patients = cases_to_judge_by(run, settings, terminal)
@@ -73,13 +82,15 @@ def fit_patients(
     with_scale = settings.shape_model.with_scale
     yardstick = Yardstick(run.model, shapes, meshes, reference, with_scale, patients)
     fits: list[FitReport] = []
-    for path in files:
+    for case_id, path in found.files.items():
         try:
-            surface = patient_surface(read_patient(path, settings.data, how), settings)
+            patient = read_patient(path, settings.data, how, case_id)
+            surface = patient_surface(patient, settings)
             matched = matched_to_template(run, settings, surface) if by == "matcher" else None
             fit = fit_patient(yardstick, surface, matched, settings.seed, jobs)
         except CaseError as error:
-            terminal.say(f"left out {error.case_id}: {error.reason}")
+            terminal.say(f"left out {case_id}: {error.reason}")
+            left_out.append(Dropped(case_id, "fit", error.reason))
             continue
         fits.append(fit)
         terminal.say(
@@ -90,11 +101,14 @@ def fit_patients(
             terminal.detail(f"{line}")
     if not fits:
         raise StudyError("no patient could be fitted; the lines above say why.")
+    if left_out:
+        of = counted(len(fits) + len(left_out), "patient")
+        terminal.say(f"{len(left_out)} of {of} left out: fits.csv and the page say why")
     from ssm_pipeline.export.fits import write_fits
     from ssm_pipeline.report.fit_page import write_fit_page
 
     note_export(run_folder, folder)  # it names the cases: `workflow forget` tells of it
-    write_fits(fits, folder, reflected=how.mirror)
+    write_fits(fits, folder, reflected=how.mirror, left_out=left_out)
     drawn = 0 if shapes.case_ids == run.shapes.case_ids else len(shapes.case_ids)
     write_fit_page(
         fits,
@@ -102,6 +116,7 @@ def fit_patients(
         run.folder.resolve().name,
         settings.is_synthetic,
         drawn=drawn,
+        left_out=left_out,
     )
     return fits
 
@@ -220,11 +235,10 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
     return result
 
 
-def _refuse_doubled(files: Sequence[Path]) -> None:
-    names = [path.stem if path.suffix.lower() in SURFACES else image_stem(path) for path in files]
-    doubled = sorted({name for name in names if names.count(name) > 1})
-    if doubled:
+def _refuse_former_fits(folder: Path) -> None:
+    """Results of two calls in one folder would be listed only in part: one folder for each call."""
+    if (folder / FITS_FILE).exists():
         raise StudyError(
-            f"two files are called {', '.join(doubled)}; results are kept by that name. Rename "
-            "one, or fit them one after the other into folders of their own."
+            f"{folder} holds the results of an earlier fit ({FITS_FILE}). Give all patients in one "
+            f"call, choose another folder with --out, or delete {folder} first."
         )

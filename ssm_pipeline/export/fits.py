@@ -14,11 +14,14 @@ from ssm_pipeline.export.meshes import write_ply
 from ssm_pipeline.export.vtp import write_poly_data
 from ssm_pipeline.fitting.patient import FitReport
 from ssm_pipeline.fitting.pose_search import mirrored
-from ssm_pipeline.records import Mesh
+from ssm_pipeline.records import Dropped, Mesh
 
 
-def summary(fits: Sequence[FitReport]) -> pd.DataFrame:
-    """A row per patient: how well it is fitted, how odd it is, and why it is flagged."""
+def summary(fits: Sequence[FitReport], left_out: Sequence[Dropped] = ()) -> pd.DataFrame:
+    """A row per patient: how well it is fitted, how unusual it is, and why it is flagged.
+
+    Patients that could not be fitted come last, with the reason in `left_out` and no numbers.
+    """
     rows = []
     for fit in fits:
         judged = fit.typicality
@@ -42,8 +45,10 @@ def summary(fits: Sequence[FitReport]) -> pd.DataFrame:
                 "flagged": judged.is_flagged,
                 "flags": " | ".join(judged.flags),
                 "remarks": " | ".join(fit.remarks),
+                "left_out": "",
             }
         )
+    rows += [{"case_id": case.case_id, "left_out": case.reason} for case in left_out]
     return pd.DataFrame(rows)
 
 
@@ -103,17 +108,23 @@ def write_fit(fit: FitReport, folder: Path) -> list[Path]:
     return [surface, mesh, mapped]
 
 
-def write_fits(fits: Sequence[FitReport], folder: Path, reflected: bool = False) -> list[Path]:
+def write_fits(
+    fits: Sequence[FitReport],
+    folder: Path,
+    reflected: bool = False,
+    left_out: Sequence[Dropped] = (),
+) -> list[Path]:
     """fits.csv, scores.csv, and the files of `write_fit` in a folder per patient.
 
     Args:
         reflected: The patients were read as mirror images: their surfaces are mirrored back.
+        left_out: The patients that could not be fitted, for fits.csv.
 
     Returns:
-        Them.
+        The paths written.
     """
     written = []
-    for name, table in (("fits", summary(fits)), ("scores", scores_table(fits))):
+    for name, table in (("fits", summary(fits, left_out)), ("scores", scores_table(fits))):
         written.append(folder / f"{name}.csv")
         storage.write_table(table, written[-1])
     for fit in fits:

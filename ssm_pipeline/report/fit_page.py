@@ -12,6 +12,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.counting import counted
 from ssm_pipeline.fitting.patient import FitReport
 from ssm_pipeline.fitting.typicality import Judged
+from ssm_pipeline.records import Dropped
 from ssm_pipeline.report.case_names import short_names
 from ssm_pipeline.report.packing import Block
 from ssm_pipeline.report.payload import packed_mesh, plain
@@ -29,13 +30,15 @@ def write_fit_page(
     is_synthetic: bool = False,
     settings: ReportSettings | None = None,
     drawn: int = 0,
+    left_out: Sequence[Dropped] = (),
 ) -> None:
     """Write the page of one or more fitted patients to `path` (.html), whole or not at all.
 
     Args:
         drawn: How many shapes of the model stood in for its cases, too few for a judgement.
+        left_out: The patients that could not be fitted, each with the reason.
     """
-    html = fit_html(fits, study, is_synthetic, settings or ReportSettings(), drawn)
+    html = fit_html(fits, study, is_synthetic, settings or ReportSettings(), drawn, left_out)
     storage.write_text(path, html)
 
 
@@ -45,6 +48,7 @@ def fit_html(
     is_synthetic: bool,
     settings: ReportSettings,
     drawn: int = 0,
+    left_out: Sequence[Dropped] = (),
 ) -> str:
     """The page's text. Everything is inside: it opens from a folder without a server."""
     if not fits:
@@ -72,7 +76,7 @@ def fit_html(
             "scores": np.round(fits[0].cohort_scores[:, :modes], 3).tolist(),
         },
     }
-    tabs = [("fit", "Patient")] + [("patients", "All patients")] * (len(fits) > 1)
+    tabs = [("fit", "Patient")] + [("patients", "All patients")] * (len(fits) > 1 or bool(left_out))
     return fill(
         "fit.html",
         plain(description),
@@ -81,6 +85,7 @@ def fit_html(
         study=study,
         is_synthetic=is_synthetic,
         patients=patients,
+        left_out=left_out,
         beside=(
             f"Compared with {counted(drawn, 'shape')} drawn from the model, because it has too few "
             "cases. Drawn shapes vary less than patients: limits and intervals are too narrow"

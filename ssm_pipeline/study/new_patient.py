@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ssm_pipeline.data_prep.formats.image_files import SUFFIXES as IMAGE_SUFFIXES
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
+from ssm_pipeline.data_prep.formats.organ_size import UnlikelySize
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACE_SUFFIXES
 from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
@@ -39,14 +40,25 @@ class HowToRead:
 AS_THE_STUDY = HowToRead()
 
 
-def read_patient(path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY) -> Mask | Surface:
+def read_patient(
+    path: Path, data: DataSettings, how: HowToRead = AS_THE_STUDY, case_id: str | None = None
+) -> Mask | Surface:
     """A mask with the study's labels or segments selected, or a surface as it is, in millimetres.
+
+    Args:
+        case_id: Of the patient. None: the name of the file.
 
     Raises:
         CaseError: For a file that can't be read or lacks the organ.
         StudyError: Where the study does not say which labels a mask should have.
     """
-    patient = _read(path, data, how)
+    if case_id is None:
+        is_surface = path.suffix.lower() in SURFACE_SUFFIXES
+        case_id = path.stem if is_surface else image_stem(path)
+    try:
+        patient = _read(path, data, how, case_id)
+    except UnlikelySize as error:  # the study's setting is for its own files
+        raise UnlikelySize(case_id, error.found, error.unit, "Pass --unit") from None
     if how.mirror:
         from ssm_pipeline.data_prep.cohorts.sides import reflect
 
@@ -72,13 +84,13 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
     )
 
 
-def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
+def _read(path: Path, data: DataSettings, how: HowToRead, case_id: str) -> Mask | Surface:
     if path.suffix.lower() in SURFACE_SUFFIXES:
         from ssm_pipeline.data_prep.cohorts.surface_folder import read_surface
 
         meshes = data if isinstance(data, MeshFolderData) else None
         unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
-        return read_surface(path, path.stem, how.unit or unit, space)
+        return read_surface(path, case_id, how.unit or unit, space)
     masks = data if isinstance(data, MaskFolderData) else None
     unit = how.unit or (masks.unit if masks else None)
     threshold = masks.threshold if masks and not how.labels else None
@@ -86,16 +98,16 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
     if (segments := how.segments or own) and is_segmentation(path):
         from ssm_pipeline.data_prep.formats.segments import read_segments
 
-        return read_segments(path, segments, image_stem(path), threshold=threshold, unit=unit)
+        return read_segments(path, segments, case_id, threshold=threshold, unit=unit)
     if how.segments:
         raise CaseError(
-            path.name, "its segments have no names; a .seg.nrrd or DICOM SEG does. Pass --label."
+            case_id, "its segments have no names; a .seg.nrrd or DICOM SEG does. Pass --label."
         )
     if image_suffix(path) is None:
         if path.is_file() and is_segmentation(path):
-            raise CaseError(path.name, "this is a DICOM SEG. Name its segment: --segment NAME.")
+            raise CaseError(case_id, "this is a DICOM SEG. Name its segment: --segment NAME.")
         raise CaseError(
-            path.name,
+            case_id,
             f"this is neither a label image ({', '.join(IMAGE_SUFFIXES)}) nor a surface "
             f"({', '.join(SURFACE_SUFFIXES)}). Convert it to one of these.",
         )
@@ -108,4 +120,4 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
 
     organ = masks.organ if masks else "organ"
     chosen = how.labels or labels_of(data)
-    return read_organ(path, chosen, image_stem(path), organ, threshold=threshold, unit=unit)
+    return read_organ(path, chosen, case_id, organ, threshold=threshold, unit=unit)

@@ -98,7 +98,9 @@ def test_patients_are_fitted_from_masks_and_surfaces(workflow: Workflow, run: Pa
     assert said.code == 0, said.stderr
     assert "left out notes.txt: this is neither a label image" in said.stdout
     table = pd.read_csv("fits/fits.csv").set_index("case_id")
-    assert list(table.index) == ["whole", "cut", "down"]
+    assert list(table.index) == ["whole", "cut", "down", "notes.txt"]
+    assert table.pop("left_out").drop("notes.txt").isna().all()
+    table = table.drop("notes.txt")
     assert table.loc["whole", "mean_mm"] < 1.0
     assert not table.loc["whole", "flagged"]
     assert 55 < table.loc["cut", "observed_percent"] < 90
@@ -133,19 +135,51 @@ def test_a_patient_is_read_from_segments_by_name_and_surfaces_in_metres(
     words = ("seg.dcm", "slicer.seg.nrrd", "whole.nii.gz", "--out", "fits", "--jobs", "1")
     said = workflow("fit", str(run), *words, "--segment", "organ")
     assert said.code == 0, said.stderr
-    assert "left out whole.nii.gz: its segments have no names" in said.stdout
+    assert "left out whole: its segments have no names" in said.stdout
     table = pd.read_csv("fits/fits.csv").set_index("case_id")
     # The last digits of the headers differ, and from those on reduction chooses other triangles.
     assert table.loc["seg", "mean_mm"] == pytest.approx(table.loc["slicer", "mean_mm"], abs=0.05)
     unnamed = workflow("fit", str(run), "seg.dcm", "--out", "other")
-    assert "left out seg.dcm: this is a DICOM SEG. Name its segment" in unnamed.stdout
+    assert "left out seg: this is a DICOM SEG. Name its segment" in unnamed.stdout
     model = load_run(run).model
     trimesh.Trimesh(model.reconstruct([0.5]) / 1000, model.faces).export("metres.stl")
     unsaid = workflow("fit", str(run), "metres.stl", "--out", "other")
-    assert "metres? Set data.unit to m" in unsaid.stdout
+    assert "metres? Pass --unit m, or mm if it is right as it is" in unsaid.stdout
+    assert "data.unit" not in unsaid.stdout
     said = workflow("fit", str(run), "metres.stl", "--unit", "m", "--out", "other", "--jobs", "1")
     assert said.code == 0, said.stderr
     assert pd.read_csv("other/fits.csv")["mean_mm"][0] < 1.0
+
+
+def test_unusable_files_are_listed_and_a_second_call_into_the_folder_is_refused(
+    workflow: Workflow, run: Path
+) -> None:
+    model = load_run(run).model
+    for number in range(2):
+        path = Path(f"new/p{number}/seg/organ.ply")
+        path.parent.mkdir(parents=True)
+        trimesh.Trimesh(model.reconstruct([0.3 * number]), model.faces).export(path)
+    for name in ("empty", "cut", "text"):
+        path = Path(f"new/{name}/seg/organ.ply")
+        path.parent.mkdir(parents=True)
+        path.write_bytes({"empty": b"", "cut": b"ply\nformat", "text": b"none"}[name])
+    Path("new/gone/seg").mkdir(parents=True)
+    Path("new/gone/seg/organ.ply").symlink_to("/nowhere/organ.ply")
+    said = workflow("fit", str(run), "new", "--jobs", "1")
+    assert said.code == 0, said.stderr
+    assert "4 of 6 patients left out" in said.stdout
+    table = pd.read_csv("fits/fits.csv").set_index("case_id")
+    assert list(table.index[:2]) == ["p0", "p1"]
+    reasons = table["left_out"].dropna()
+    assert set(reasons.index) == {"empty", "cut", "text", "gone"}
+    assert "link to /nowhere/organ.ply, which does not exist" in reasons["gone"]
+    page = Path("fits/index.html").read_text(encoding="utf-8")
+    assert "Patients that could not be fitted (4)" in page
+    assert all(f"<td>{name}</td>" in page for name in reasons.index)
+    again = workflow("fit", str(run), "new/p0/seg/organ.ply", "--jobs", "1")
+    assert again.code == 1
+    assert "fits holds the results of an earlier fit" in again.stderr
+    assert "--out" in again.stderr
 
 
 def test_by_matcher_the_template_is_laid_on_the_patient(
