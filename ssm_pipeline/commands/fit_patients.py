@@ -12,7 +12,7 @@ from ssm_pipeline.commands.export_folder import note_export
 from ssm_pipeline.counting import counted
 from ssm_pipeline.data_prep.cohorts.patients import advice_on_patients
 from ssm_pipeline.data_prep.formats.image_files import image_stem
-from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACES
+from ssm_pipeline.data_prep.formats.surface_files import is_surface, surface_stem
 from ssm_pipeline.engine.keys import key_of, key_of_arrays
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.fitting.cross_validation import (
@@ -221,7 +221,7 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
 
 
 def _refuse_doubled(files: Sequence[Path]) -> None:
-    names = [path.stem if path.suffix.lower() in SURFACES else image_stem(path) for path in files]
+    names = [surface_stem(path) if is_surface(path) else image_stem(path) for path in files]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise StudyError(

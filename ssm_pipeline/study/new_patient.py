@@ -9,6 +9,7 @@ from ssm_pipeline.data_prep.formats.image_files import SUFFIXES as IMAGE_SUFFIXE
 from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACE_SUFFIXES
+from ssm_pipeline.data_prep.formats.surface_files import SURFACE_FORMATS, is_surface, surface_stem
 from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
 from ssm_pipeline.study.sources import (
     DataSettings,
@@ -73,12 +74,12 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
 
 
 def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
-    if path.suffix.lower() in SURFACE_SUFFIXES:
+    if path.suffix.lower() in SURFACE_SUFFIXES or is_surface(path):
         from ssm_pipeline.data_prep.cohorts.surface_folder import read_surface
 
         meshes = data if isinstance(data, MeshFolderData) else None
         unit, space = (meshes.unit, meshes.space) if meshes else (None, None)
-        return read_surface(path, path.stem, how.unit or unit, space)
+        return read_surface(path, surface_stem(path), how.unit or unit, space)
     masks = data if isinstance(data, MaskFolderData) else None
     unit = how.unit or (masks.unit if masks else None)
     threshold = masks.threshold if masks and not how.labels else None
@@ -97,7 +98,7 @@ def _read(path: Path, data: DataSettings, how: HowToRead) -> Mask | Surface:
         raise CaseError(
             path.name,
             f"this is neither a label image ({', '.join(IMAGE_SUFFIXES)}) nor a surface "
-            f"({', '.join(SURFACE_SUFFIXES)}). Convert it to one of these.",
+            f"({SURFACE_FORMATS}). Convert it to one of these.",
         )
     if own and threshold is None:
         raise StudyError(
