@@ -254,6 +254,37 @@ def read_statismo(path: Path) -> object:
     return read_statismo(path)
 
 
+def write_h5_json(folder: Path) -> Path:
+    from hdf5_json_files import as_json
+
+    return as_json(write_statismo(folder))
+
+
+def _ball() -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    return np.asarray(ball.vertices), np.asarray(ball.faces)
+
+
+def write_gifti(folder: Path) -> Path:
+    from brain_files import write_gifti
+
+    return write_gifti(folder / "a.surf.gii", *_ball())
+
+
+def write_freesurfer(folder: Path) -> Path:
+    from brain_files import write_freesurfer
+
+    return write_freesurfer(folder / "lh.pial", *_ball())
+
+
+def write_strips(folder: Path, binary: bool) -> Path:
+    from brain_files import write_ply_strips
+
+    return write_ply_strips(folder / "a.ply", binary)
+
+
 OUTSIDE_FILES = (
     image_reader("nii", "a.nii"),
     image_reader("nii.gz", "a.nii.gz"),
@@ -275,12 +306,17 @@ OUTSIDE_FILES = (
     surface_reader("vtk", write_surface),
     surface_reader("vtp", write_surface),
     surface_reader("vtu", write_surface),
+    Reader("gifti", write_gifti, read_surface),
+    Reader("freesurfer", write_freesurfer, read_surface),
+    Reader("ply strips", lambda folder: write_strips(folder, True), read_surface),
+    Reader("ply strips text", lambda folder: write_strips(folder, False), read_surface),
     Reader("matching off", write_matching, read_matching),
     Reader("vts", write_vts, read_matching),
     Reader("study yaml", write_study, read_study),
     Reader("covariates csv", lambda folder: write_covariates(folder, "a.csv"), read_covariates),
     Reader("covariates tsv", lambda folder: write_covariates(folder, "a.tsv"), read_covariates),
     Reader("statismo h5", write_statismo, read_statismo),
+    Reader("statismo h5.json", write_h5_json, read_statismo),
     Reader("markups", write_markups, read_markups),
     Reader("fcsv", write_fcsv, read_markups),
     Reader("covariates xlsx", write_workbook, read_covariates),

@@ -11,7 +11,7 @@ from ssm_pipeline.data_prep.cohorts.case_names import told_apart
 from ssm_pipeline.data_prep.cohorts.selection import why_unusable
 from ssm_pipeline.data_prep.formats.image_files import image_stem, is_image
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
-from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES, is_surface
+from ssm_pipeline.data_prep.formats.surface_files import SURFACE_FORMATS, is_surface, surface_stem
 from ssm_pipeline.records import Dropped, StudyError
 
 
@@ -64,7 +64,7 @@ def _listed(given: Sequence[Path]) -> list[Path]:
         if not below:
             raise StudyError(
                 f"{path} holds no mask and no surface. Give files, or a folder with label images, "
-                f"segmentations or surfaces ({', '.join(SUFFIXES)}) at any depth."
+                f"segmentations or surfaces ({SURFACE_FORMATS}) at any depth."
             )
         listed += below
     return listed
@@ -75,4 +75,4 @@ def _is_shape(path: Path) -> bool:
 
 
 def _stem(path: Path) -> str:
-    return path.stem if path.suffix.lower() in SUFFIXES else image_stem(path)
+    return surface_stem(path) if is_surface(path) else image_stem(path)

@@ -1,4 +1,4 @@
-"""A folder of surfaces of any organ, one file per case: PLY, STL, OBJ, OFF, VTK, VTP."""
+"""A folder of surfaces of any organ, one file per case."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from ssm_pipeline.data_prep.cohorts.sides import mirror_side
 from ssm_pipeline.data_prep.formats.organ_size import MM_OF, Unit, check_size, diagonal_of
 from ssm_pipeline.data_prep.formats.surface_files import (
     RAS_TO_LPS,
-    SUFFIXES,
+    SURFACE_FORMATS,
     is_surface,
     read_triangles,
+    surface_stem,
 )
 from ssm_pipeline.records import CaseError, CaseSource, Cohort, Surface
 
@@ -47,8 +48,10 @@ def find_cases(
     Raises:
         StudyError: If nothing matches, two files share one id, or a named case is missing.
     """
-    files = files_below(folder, pattern, is_surface, f"surfaces ({', '.join(SUFFIXES)})")
-    names = [case_name(path, path.stem, pattern, choice.mirror is not None) for path in files]
+    files = files_below(folder, pattern, is_surface, f"surfaces ({SURFACE_FORMATS})")
+    names = [
+        case_name(path, surface_stem(path), pattern, choice.mirror is not None) for path in files
+    ]
     names = told_apart(names, [path.relative_to(folder) for path in files])
     by_id = unique_by_id(zip(names, files, strict=True))
     sources = [

@@ -14,6 +14,7 @@ import numpy as np
 
 from ssm_pipeline.records import StudyError
 
+LANDMARK_SUFFIXES = (".mrk.json", ".fcsv")
 _SYSTEMS = {"0": "RAS", "1": "LPS"}  # old Slicer versions wrote the enumeration's number
 _STATUSES = {"": "defined", "0": "undefined", "1": "preview", "2": "defined", "3": "missing"}
 _COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
@@ -56,7 +57,7 @@ def read_landmarks(path: Path, setting: str = "report.landmarks") -> Landmarks:
     Raises:
         StudyError: the file can't be read, holds no point, or a point that is not placed.
     """
-    advice = f"Save it from 3D Slicer's Markups as .mrk.json, or leave {setting} out."
+    advice = f"Save it from 3D Slicer's Markups as .mrk.json or .fcsv, or leave {setting} out."
     try:
         text = path.read_text(encoding="utf-8")
         if text.lstrip().startswith("{"):

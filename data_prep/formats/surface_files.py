@@ -1,4 +1,4 @@
-"""Surface file → Mesh: PLY, STL, OBJ, OFF, and VTK's `.vtk` and `.vtp`."""
+"""Surface file → Mesh: PLY, STL, OBJ, OFF, VTK, GIFTI and FreeSurfer."""
 
 from __future__ import annotations
 
@@ -9,14 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from ssm_pipeline.data_prep.formats.brain_surfaces import (
+    is_freesurfer,
+    read_freesurfer,
+    read_gifti,
+)
 from ssm_pipeline.data_prep.formats.damaged import damaged
 from ssm_pipeline.data_prep.formats.image_files import is_file_or_link
+from ssm_pipeline.data_prep.formats.ply_strips import has_strips, read_strips
 from ssm_pipeline.data_prep.formats.vtk_surface import UnreadableSurface, read_vtk
 from ssm_pipeline.geometry.surface import volume
 from ssm_pipeline.geometry.topology import boundary_edges
 from ssm_pipeline.records import CaseError, Mesh, require_type
 
-SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".vtu")
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".vtu", ".gii")
+SURFACE_FORMATS = f"{', '.join(SUFFIXES)}, FreeSurfer's lh.pial"
 _VTK = (".vtk", ".vtp", ".vtu")
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 WELD_SHARE = 1e-5  # of the diagonal: single precision at 10 times the size
@@ -28,12 +35,24 @@ def is_surface(path: Path) -> bool:
 
     A link to a file that does not exist counts too, so that the case is reported as left out.
     """
-    is_hidden = path.name.startswith(".")
-    return path.suffix.lower() in SUFFIXES and not is_hidden and is_file_or_link(path)
+    if path.name.startswith(".") or not is_file_or_link(path):
+        return False
+    return path.suffix.lower() in SUFFIXES or (path.is_file() and is_freesurfer(path))
+
+
+def surface_stem(path: Path) -> str:
+    """The file's name without the suffix; the whole name of a FreeSurfer surface.
+
+    >>> [surface_stem(Path(name)) for name in ("lung.STL", "lh.surf.gii", "lh.pial")]
+    ['lung', 'lh', 'lh.pial']
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        return path.name
+    return re.sub(r"\.surf$", "", path.stem) if path.suffix.lower() == ".gii" else path.stem
 
 
 def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
-    """Read one surface, in millimetres: .ply, .stl, .obj, .off, .vtk or .vtp.
+    """Read one surface: .ply, .stl, .obj, .off, .vtk, .vtp, .vtu, .gii, or a FreeSurfer surface.
 
     Args:
         path: The file.
@@ -42,7 +61,9 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
     Returns:
         The vertices as the file numbers them, and the faces cut into triangles. An STL file numbers
         none, so its equal corners become one vertex. A file that says `SPACE=RAS`, as older
-        versions of 3D Slicer write, is rotated to LPS; other files are taken as they are. A closed
+        versions of 3D Slicer write, is rotated to LPS, and so are GIFTI and FreeSurfer surfaces,
+        which are RAS; the latter are moved to scanner coordinates by the centre that the file
+        holds. Other files are taken as they are. Millimetres are assumed. A closed
         surface whose faces look inward has them turned outward.
 
     Raises:
@@ -61,7 +82,7 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
     """
     require_type(path, (str, Path), "path", "Read several files one by one.")
     path = Path(path)
-    case_id = case_id or path.stem
+    case_id = case_id or surface_stem(path)
     vertices, faces, space = read_triangles(path, case_id)
     mesh = Mesh(vertices * RAS_TO_LPS if space == "RAS" else vertices, faces, case_id)
     if volume(mesh.vertices, mesh.faces) < 0 and not len(boundary_edges(mesh.faces)):
@@ -72,24 +93,29 @@ def read_mesh(path: str | Path, case_id: str | None = None) -> Mesh:
 def read_triangles(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray, str | None]:
     """Vertices (V, 3) and faces (F, 3) as the file has them, and the space that it states.
 
-    The space is "LPS", "RAS" or None; equal corners of an STL file are one vertex. Raises as
-    `read_mesh` does.
+    The space is "LPS", "RAS" or None; equal corners of an STL file are one vertex.
+
+    Raises:
+        CaseError: As `read_mesh` does.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
+    brain = suffix == ".gii" or (suffix not in SUFFIXES and is_freesurfer(path))
+    if suffix not in SUFFIXES and not brain:
         raise CaseError(
-            case_id, f"{path.name} is no surface that can be read; {', '.join(SUFFIXES)} can."
+            case_id, f"{path.name} is no surface that can be read; {SURFACE_FORMATS} can."
         )
     if not path.is_file():
         raise CaseError(case_id, f"there is no file {path}. Check the folder and the file name.")
-    if suffix in _VTK:
-        try:
+    space: str | None = "RAS" if brain else None
+    try:
+        if suffix in _VTK:
             vertices, faces, space = read_vtk(path)
-        except UnreadableSurface as error:
-            raise damaged(path, case_id, str(error)) from error
-    else:
-        vertices, faces = _read_trimesh(path, case_id)
-        space = None
+        elif brain:
+            vertices, faces = read_gifti(path) if suffix == ".gii" else read_freesurfer(path)
+        else:
+            vertices, faces = _read_trimesh(path, case_id)
+    except UnreadableSurface as error:
+        raise damaged(path, case_id, str(error)) from error
     if not len(faces):
         raise CaseError(
             case_id,
@@ -112,7 +138,10 @@ def _read_trimesh(path: Path, case_id: str) -> tuple[np.ndarray, np.ndarray]:
         content = content.lower()  # trimesh knows the words of a text in small letters only
     if is_stl and (missing := _missing_of_stl(content)):
         raise damaged(path, case_id, missing)
+    is_ply = path.suffix.lower() == ".ply"
     try:
+        if is_ply and has_strips(content):
+            return read_strips(content)
         # process=False: vertices stay as the file numbers them.
         read: Any = trimesh.load(
             io.BytesIO(content) if is_stl else path,

@@ -49,7 +49,7 @@ _OF_MASKS = {
     "allow_truncated": "false drops organs that touch the image border",
 }
 _OF_MESHES = {
-    "source": "a folder of surfaces: .ply, .stl, .obj, .off, .vtk, .vtp",
+    "source": "a folder of surfaces: .ply, .stl, .obj, .off, .vtk, .vtp, .vtu, .gii, FreeSurfer",
     "folder": "",
     "unit": "of the files' lengths: um, mm, cm or m; null: as stated, else mm if the size fits",
     "space": "LPS or RAS, of files that don't say it; null: LPS",

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ssm_pipeline.data_prep.cohorts.sides import is_mirrored
-from ssm_pipeline.data_prep.formats.landmarks import read_landmarks
+from ssm_pipeline.data_prep.formats.landmarks import LANDMARK_SUFFIXES, read_landmarks
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.geometry.closest_point import closest_points
 from ssm_pipeline.methods import FULL
@@ -125,7 +125,7 @@ def without_pairs(scores: Mapping[str, Metrics]) -> dict[str, Metrics]:
 def landmarks_of_cases(
     folder: Path, meshes: Sequence[Mesh], mirrored: str | None = None
 ) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
-    """The landmarks in the `<case id>.mrk.json` files of a folder.
+    """The landmarks in the `<case id>.mrk.json` or `<case id>.fcsv` files of a folder.
 
     Args:
         mirrored: The side whose meshes are mirror images. Its landmarks are then mirrored too.
@@ -134,15 +134,22 @@ def landmarks_of_cases(
         Their names, and case → positions `(L, 3)` mm. Cases without a file are left out.
 
     Raises:
-        StudyError: There are fewer than two files, their names differ, or a landmark is far from
-            the surface of its case.
+        StudyError: There are fewer than two files, a case has two, their names differ, or a
+            landmark is far from the surface of its case.
     """
     names: tuple[str, ...] = ()
     positions: dict[str, np.ndarray] = {}
     for mesh in meshes:
-        path = folder / f"{mesh.case_id}.mrk.json"
-        if not path.is_file():
+        paths = [folder / f"{mesh.case_id}{suffix}" for suffix in LANDMARK_SUFFIXES]
+        found = [path for path in paths if path.is_file()]
+        if not found:
             continue
+        if len(found) > 1:
+            raise StudyError(
+                f"evaluation.landmarks: {folder} holds {found[0].name} and {found[1].name}; one "
+                "file per case is needed. Remove the older one."
+            )
+        path = found[0]
         read = read_landmarks(path, "evaluation.landmarks")
         names = names or tuple(sorted(read.names))
         if tuple(sorted(read.names)) != names or len(set(names)) < len(names):
@@ -165,8 +172,9 @@ def landmarks_of_cases(
     if len(positions) < 2:
         raise StudyError(
             f"{folder} holds landmarks of {len(positions)} of the {len(meshes)} cases; two are "
-            "needed to transfer them between cases. Name each file <case id>.mrk.json, such as "
-            f"{meshes[0].case_id}.mrk.json, or leave evaluation.landmarks out."
+            "needed to transfer them between cases. Name each file <case id>.mrk.json "
+            f"or <case id>.fcsv, such as {meshes[0].case_id}.mrk.json, or "
+            "leave evaluation.landmarks out."
         )
     return names, positions
 
@@ -184,12 +192,12 @@ def evaluation_depends_on(settings: StudySettings) -> Any:
     }
     folder = settings.evaluation.landmarks
     if folder is not None:
-        files = sorted(folder.glob("*.mrk.json"))
+        files = sorted(path for suffix in LANDMARK_SUFFIXES for path in folder.glob(f"*{suffix}"))
         if not files:
             found = "no folder" if not folder.is_dir() else "a folder without such files"
             raise StudyError(
                 f"evaluation.landmarks: {folder} is {found}. Give the folder that holds a "
-                "<case id>.mrk.json for each case, or leave it out."
+                "<case id>.mrk.json or <case id>.fcsv for each case, or leave it out."
             )
         depends_on["landmarks"] = {path.name: key_of_files([path]) for path in files}
     return depends_on

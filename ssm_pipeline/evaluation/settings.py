@@ -31,7 +31,7 @@ class EvaluationSettings(Settings):
     fit_surfaces: bool = True  # generalisation also by fitting the model to the surface alone
     coverage_edges: float = Field(1.5, gt=0)  # "no template point near", in mean edge lengths
     labels: bool = True  # carry labels of parts from case to case, where the masks have several
-    landmarks: Path | None = None  # folder of <case id>.mrk.json with the same names; None: none
+    landmarks: Path | None = None  # folder of <case id>.mrk.json or .fcsv, same names; None: none
     bootstrap_draws: int = Field(10_000, ge=100)  # resamplings of the cases, for intervals
 
 

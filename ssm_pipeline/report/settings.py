@@ -33,5 +33,5 @@ class ReportSettings(Settings):
     paths: int = Field(4, ge=0)  # interpolation paths on the page
     path_times: int = Field(11, ge=2)  # stored times of each path; linear in between
     tile_px: int = Field(280, ge=64)  # side of the static pictures on the page, pixels
-    landmarks: Path | None = None  # Slicer's .mrk.json, placed on the template; None: none
+    landmarks: Path | None = None  # Slicer's .mrk.json or .fcsv, placed on the template; None: none
     figures: FigureSettings = FigureSettings()

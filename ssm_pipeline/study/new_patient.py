@@ -10,6 +10,7 @@ from ssm_pipeline.data_prep.formats.image_files import image_stem, image_suffix
 from ssm_pipeline.data_prep.formats.organ_size import UnlikelySize
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES as SURFACE_SUFFIXES
+from ssm_pipeline.data_prep.formats.surface_files import SURFACE_FORMATS, is_surface
 from ssm_pipeline.records import CaseError, Mask, StudyError, Surface
 from ssm_pipeline.study.sources import (
     DataSettings,
@@ -85,7 +86,7 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
 
 
 def _read(path: Path, data: DataSettings, how: HowToRead, case_id: str) -> Mask | Surface:
-    if path.suffix.lower() in SURFACE_SUFFIXES:
+    if path.suffix.lower() in SURFACE_SUFFIXES or is_surface(path):
         from ssm_pipeline.data_prep.cohorts.surface_folder import read_surface
 
         meshes = data if isinstance(data, MeshFolderData) else None
@@ -109,7 +110,7 @@ def _read(path: Path, data: DataSettings, how: HowToRead, case_id: str) -> Mask 
         raise CaseError(
             case_id,
             f"this is neither a label image ({', '.join(IMAGE_SUFFIXES)}) nor a surface "
-            f"({', '.join(SURFACE_SUFFIXES)}). Convert it to one of these.",
+            f"({SURFACE_FORMATS}). Convert it to one of these.",
         )
     if own and threshold is None:
         raise StudyError(

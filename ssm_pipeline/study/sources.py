@@ -130,7 +130,8 @@ class MaskFolderData(FolderData):
 
 
 class MeshFolderData(FolderData):
-    """A folder of surfaces (.ply, .stl, .obj, .off, .vtk, .vtp) of any organ."""
+    """A folder of surfaces of any organ: .ply, .stl, .obj, .off, .vtk, .vtp, .vtu, .gii,
+    FreeSurfer."""
 
     source: Literal["meshes"] = "meshes"
     unit: Unit | None = None  # of the files' lengths; None: mm, if the size could be an organ's

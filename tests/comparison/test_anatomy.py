@@ -16,6 +16,7 @@ from ssm_pipeline.comparison.anatomy import evaluation_depends_on, landmarks_of_
 from ssm_pipeline.data_prep.synthetic.phantoms import draw_truth
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.terminal import Terminal
+from ssm_pipeline.evaluation.settings import EvaluationSettings
 from ssm_pipeline.records import Mesh, StudyError, SurfaceLabels
 from ssm_pipeline.stages.list import STAGES
 from ssm_pipeline.study.settings import StudySettings
@@ -117,6 +118,24 @@ def test_landmarks_are_read_in_the_order_of_their_names(tmp_path: Path) -> None:
     assert names == ("x", "y")
     assert set(positions) == {"one", "three"}
     np.testing.assert_array_equal(positions["three"], [[4, 0, 0], [0, 3, 0]])
+
+
+def test_fcsv_files_are_read_and_are_part_of_the_key(tmp_path: Path) -> None:
+    header = (
+        "# CoordinateSystem = RAS\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,a\n"
+    )
+    for case_id, x in (("one", -1), ("two", -2)):
+        path = tmp_path / f"{case_id}.fcsv"
+        path.write_text(f"{header}1,{x},0,0,0,0,0,1,1,1,0,tip,,\n")
+    names, positions = landmarks_of_cases(tmp_path, surfaces())
+    assert (names, set(positions)) == (("tip",), {"one", "two"})
+    np.testing.assert_array_equal(positions["two"], [[2, 0, 0]])
+    changed = {"evaluation": EvaluationSettings(landmarks=tmp_path)}
+    settings = StudySettings(data=TUBES).model_copy(update=changed)
+    assert set(evaluation_depends_on(settings)["landmarks"]) == {"one.fcsv", "two.fcsv"}
+    write_markups(tmp_path, "two", ["tip"], np.array([[2.0, 0, 0]]))
+    with pytest.raises(StudyError, match=r"holds two\.mrk\.json and two\.fcsv; one file per case"):
+        landmarks_of_cases(tmp_path, surfaces())
 
 
 def test_landmarks_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:

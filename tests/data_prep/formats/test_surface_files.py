@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import trimesh
+from brain_files import write_gifti
 from shapes import blob
 
 from ssm_pipeline.data_prep.formats.surface_files import SUFFIXES, is_surface, read_mesh
@@ -21,7 +22,12 @@ MESH = blob(3)
 
 def write(path: Path, binary: bool = True) -> Path:
     """The blob as trimesh or VTK writes it."""
-    if path.suffix in (".vtk", ".vtp", ".vtu") or (path.suffix in (".ply", ".stl") and not binary):
+    if path.suffix == ".gii":
+        lps = np.array([-1.0, -1.0, 1.0])
+        write_gifti(path, MESH.vertices * lps, MESH.faces)
+    elif path.suffix in (".vtk", ".vtp", ".vtu") or (
+        path.suffix in (".ply", ".stl") and not binary
+    ):
         surface = pv.PolyData.from_regular_faces(MESH.vertices, MESH.faces)
         whole = surface.cast_to_unstructured_grid() if path.suffix == ".vtu" else surface
         whole.save(path, binary=binary)
@@ -150,3 +156,11 @@ def test_an_stl_text_in_capitals_is_read(tmp_path: Path) -> None:
     one, other = read_mesh(tmp_path / "a.stl"), read_mesh(tmp_path / "B.STL")
     np.testing.assert_array_equal(one.vertices, other.vertices)
     np.testing.assert_array_equal(one.faces, other.faces)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_names_in_capital_letters_are_read(suffix: str, tmp_path: Path) -> None:
+    path = write(tmp_path / f"case{suffix}").rename(tmp_path / f"CASE{suffix.upper()}")
+    assert is_surface(path)
+    read = read_mesh(path)
+    assert (read.case_id, len(read.faces)) == ("CASE", len(MESH.faces))
