@@ -29,7 +29,8 @@ def test_a_crumb_is_no_second_organ() -> None:
 def test_a_long_thin_streak_is_not_the_organ() -> None:
     def both(points: np.ndarray) -> np.ndarray:
         streak = np.ptp(points, axis=-1) < 0.1  # the diagonal of the image
-        return ball(7)(points - [14, -14, 10]) | streak
+        organ: np.ndarray = ball(7)(points - [14, -14, 10]) | streak
+        return organ
 
     mask = mask_of(both, 24)
     organ, cleaning = keep_organ(mask)

@@ -22,6 +22,7 @@ from ssm_pipeline import storage
 from ssm_pipeline.commands.run_study import run_study
 from ssm_pipeline.engine import per_case
 from ssm_pipeline.engine.keys import key_of
+from ssm_pipeline.engine.left_files import CASE_FILE
 from ssm_pipeline.engine.per_case import CaseResult, CaseTask
 from ssm_pipeline.engine.runner import RunOptions
 from ssm_pipeline.engine.stage import Outcome, Stage, StageContext, StageRecord
@@ -250,7 +251,7 @@ def keys_of_cases(
         keys.setdefault(self.name, {})[work_in(place, tasks[0])] = [task.key for task in tasks]
         results = []
         for task in tasks:
-            kept = storage.read_json(place / task.case_id / per_case.CASE_FILE)
+            kept = storage.read_json(place / task.case_id / CASE_FILE)
             results.append(CaseResult(**{**kept, "key": task.key}))
         return results
 
