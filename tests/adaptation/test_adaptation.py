@@ -8,7 +8,7 @@ from shapes import basis_of, blob
 from ssm_pipeline.adaptation.adapt import adapt
 from ssm_pipeline.adaptation.correspond import correspond_bases
 from ssm_pipeline.adaptation.gauss_newton import gauss_newton
-from ssm_pipeline.adaptation.objective import AdaptationObjective, Triangles
+from ssm_pipeline.adaptation.objective import AdaptationObjective, MapPull, Triangles
 from ssm_pipeline.adaptation.settings import AdaptationSettings
 from ssm_pipeline.adaptation.vector_adam import vector_adam
 from ssm_pipeline.geometry.closest_point import closest_points
@@ -71,6 +71,19 @@ def test_gauss_newton_reaches_what_vector_adam_reaches() -> None:
 def test_the_last_steps_never_raise_the_objective(pair: Any) -> None:
     _, values = gauss_newton(objective_of(pair), steps=6)
     assert values[-1] <= values[-2] * (1 + 1e-9) <= values[-3] * (1 + 1e-6)
+
+
+def test_a_strong_pull_brings_every_vertex_to_its_point(pair: Any) -> None:
+    x, y = pair
+    settings = AdaptationSettings(samples=400)
+    points = x.vertices + 0.05 * np.random.default_rng(3).standard_normal(x.vertices.shape)
+    pull = MapPull(points, np.full(len(points), 1e6))
+    generator = np.random.default_rng(0)
+    objective = AdaptationObjective(
+        triangles(x), x.laplacian, triangles(y), settings, generator, pull
+    )
+    offsets, _ = gauss_newton(objective, steps=2)
+    np.testing.assert_allclose(offsets, points - x.vertices, atol=1e-5)
 
 
 def test_adapting_brings_the_surface_onto_the_case(pair: Any) -> None:

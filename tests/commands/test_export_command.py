@@ -18,6 +18,7 @@ from ssm_pipeline import load_run
 from ssm_pipeline.cli.results import export
 from ssm_pipeline.commands.export_run import FORMATS
 from ssm_pipeline.commands.pseudonyms import pseudonyms_of
+from ssm_pipeline.geometry.surface import volume
 
 
 @pytest.fixture
@@ -81,6 +82,33 @@ def test_no_file_of_a_pseudonymised_export_names_a_case(workflow: Workflow, run_
     for row in key.itertuples():  # the key leads back to the right case
         own = load_run(run_copy).model.scores[cases.index(row.case_id)]
         np.testing.assert_allclose(scores.loc[row.pseudonym], own)
+
+
+def test_measurements_under_pseudonyms_are_of_the_right_case(
+    workflow: Workflow, run_copy: Path
+) -> None:
+    run = load_run(run_copy)
+    numbers = (3, 1, 4, 2)  # another order than that of the run
+    names = {case: f"case_{n:03d}" for case, n in zip(run.cases, numbers, strict=True)}
+    key = pd.DataFrame({"case_id": list(names), "pseudonym": list(names.values())})
+    key.to_csv(run_copy / "pseudonyms.csv", index=False)
+    words = ("--pseudonymise", "--format", "csv,shapeworks")
+    said = workflow("export", "luna16", *words)
+    assert said.code == 0, said.stderr
+    folder = run_copy / "export-pseudonymised"
+    table = pd.read_csv(folder / "measurements.csv")
+    assert list(table["shape"])[: len(names)] == sorted(names.values())
+    volumes = table.set_index("shape")["volume_ml"]
+    for case, name in names.items():
+        mesh = run.mesh(case)
+        expected = volume(mesh.vertices, mesh.faces) / 1000
+        assert volumes[name] == pytest.approx(expected, rel=1e-6)
+    for row in json.loads((folder / "shapeworks" / "model.swproj").read_text())["data"]:
+        surface = trimesh.load_mesh(folder / "shapeworks" / row["groomed_1"], process=False)
+        case = next(case for case, name in names.items() if name == row["name"])
+        np.testing.assert_allclose(surface.vertices, run.mesh(case).vertices, atol=1e-5)
+        particles = np.loadtxt(folder / "shapeworks" / row["local_particles_1"])
+        np.testing.assert_allclose(particles, run.shapes.vertices[run.cases.index(case)], atol=1e-4)
 
 
 def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: Path) -> None:

@@ -26,6 +26,18 @@ def test_a_crumb_is_no_second_organ() -> None:
     assert "two organs" not in warning
 
 
+def test_a_long_thin_streak_is_not_the_organ() -> None:
+    def both(points: np.ndarray) -> np.ndarray:
+        streak = np.ptp(points, axis=-1) < 0.1  # the diagonal of the image
+        organ: np.ndarray = ball(7)(points - [14, -14, 10]) | streak
+        return organ
+
+    mask = mask_of(both, 24)
+    organ, cleaning = keep_organ(mask)
+    assert cleaning.pieces == 2
+    assert organ.volume_mm3 == pytest.approx(4 / 3 * np.pi * 7**3, rel=0.02)
+
+
 def test_a_filled_cavity_is_told() -> None:
     _, cleaning = keep_organ(mask_of(lambda p: ball(15)(p) & ~ball(8)(p), 20))
     assert cleaning.filled == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.02)  # a voxelised ball

@@ -129,6 +129,22 @@ def test_the_seed_decides_the_order_of_the_pairs() -> None:
     assert drawn[0] != drawn[1]
 
 
+def test_training_takes_its_seeds_order_of_pairs(
+    bases: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, seen = Pairs.at, []
+
+    def at(self: Pairs, index: int) -> tuple[int, int]:
+        seen.append(real(self, index))
+        return seen[-1]
+
+    monkeypatch.setattr(Pairs, "at", at)
+    orders = [[real(Pairs(3 * [""], seed), step) for step in range(3)] for seed in range(9)]
+    seed = next(seed for seed in range(9) if orders[seed] != orders[0])
+    train_networks(bases, SETTINGS.model_copy(update={"steps": 3, "pairs_per_step": 1}), seed)
+    assert seen == orders[seed]
+
+
 def test_an_epoch_shows_every_pair_once() -> None:
     pairs = Pairs(5 * ["organ"], seed=1)
     seen = {pairs.at(step) for step in range(10)}
