@@ -117,7 +117,7 @@ def not_as_written(
         elif (now := path.stat().st_size) != size:
             found.append(DamagedFile(path, f"has {now} bytes; {size} were written"))
         elif by_content and _fingerprint(path)[1] != content:
-            found.append(DamagedFile(path, "no longer holds what was written"))
+            found.append(DamagedFile(path, "has changed since it was written"))
     return found
 
 

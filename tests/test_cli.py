@@ -114,7 +114,7 @@ def test_init_on_surfaces_segments_and_probability_maps(
     ("options", "message"),
     [
         (("--masks", "{masks}", "--label", "0"), "label 0 is the background"),
-        (("--masks", "{masks}"), "say once what the organ is"),
+        (("--masks", "{masks}"), "give only one of --label, --segment and --threshold"),
         (("--masks", "{masks}", "--label", "1", "--segment", "liver"), "say once"),
         (("--masks", "{masks}", "--meshes", "{masks}"), "give one folder"),
         ((), "give one folder"),

@@ -1,4 +1,4 @@
-"""`workflow check`: read every case of a study, and say what is wrong with it, before the hours."""
+"""`workflow check`: read every case of a study and report problems before a long run."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def check_study(study: Study, terminal: Terminal, jobs: int = 1, to: Path | None
     without it nothing is written.
 
     Args:
-        jobs: Cases at a time.
+        jobs: Number of cases processed at a time.
         to: A folder for cohort_check.csv and a picture of each striking case.
 
     Raises:
-        StudyError: For settings that don't fit the cases.
+        StudyError: If settings don't fit the cases.
     """
     _refuse_unreadable_landmarks(study.settings)
-    terminal.say(f"settings   {study.path}: in order")
+    terminal.say(f"settings   {study.path}: valid")
     data = study.settings.data
     if data.source == "phantoms":
-        terminal.say("masks      none given: synthetic phantoms will be made")
+        terminal.say("masks      none given; a run would make synthetic phantoms")
         return True
     cohort = data.find(Path())
     refuse_what_cannot_fit(study.settings, cohort)

@@ -1,4 +1,4 @@
-"""`--cluster`: where the work on each case is done, if not in processes here."""
+"""`--cluster`: the workers that process the cases."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ from ssm_pipeline.study.yaml_settings import checked_as, read_yaml
 def cluster_at(
     where: str | None, terminal: Terminal, memory_gb: float | None = None
 ) -> Iterator[Workers | None]:
-    """The workers of the scheduler at an address, or of the Slurm jobs that a YAML describes.
+    """Yield the workers of a scheduler's address, or of the Slurm jobs that a YAML describes.
 
-    None: none, for a run in processes here.
+    For None, yields None: the run then uses processes on this machine.
 
     Raises:
-        StudyError: For neither of these, for a scheduler that can't be reached, and for a file that
-            is no such YAML.
+        StudyError: If it is neither, the scheduler can't be reached, or the YAML is not valid.
     """
     if where is None:
         yield None
@@ -39,6 +38,6 @@ def cluster_at(
             yield DaskCluster(client, memory_gb, wait_s=None, say=terminal.detail)
     else:
         raise StudyError(
-            f"--cluster {where}: give a Dask scheduler's address, as tcp://host:8786, or the path "
-            "of a YAML with Slurm's settings."
+            f"--cluster {where}: give the address of a Dask scheduler, such as tcp://host:8786, or "
+            "the path of a YAML file with Slurm's settings."
         )

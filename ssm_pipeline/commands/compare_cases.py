@@ -39,10 +39,10 @@ def compare_cases(
     """Test the formula's terms, and write tables, maps and a page of them to `folder`.
 
     Args:
-        folder: None: in the run's own, named after the formula; the run's report then shows it too.
+        folder: None: a folder in the run, named after the formula; the report then shows it too.
 
     Raises:
-        StudyError: For a table or a formula that does not fit the run.
+        StudyError: If the table or the formula does not fit the run.
     """
     from ssm_pipeline.report.compare_page import write_compare_page
 
@@ -56,7 +56,7 @@ def compare_cases(
     left_out = {case.case_id: case.reason for case in run.dropped}
     rows = matched_to_cases(table, run.cases, left_out)
     for case_id in sorted(set(case_ids_of(table)) & set(left_out)):
-        terminal.say(f"row of {case_id} not used: the run left it out, {left_out[case_id]}")
+        terminal.say(f"row of {case_id} not used: the run left the case out, {left_out[case_id]}")
     design = design_of(formula, rows)
     terminal.say(f"{counted(len(run.cases), 'case')}, {', '.join(c.name for c in design.columns)}")
     result = compare(
@@ -89,7 +89,7 @@ def compare_cases(
 
 
 def folder_name(formula: str) -> str:
-    """Of a formula's results, and of no other formula's.
+    """Return the name of a formula's results folder; it differs between formulas.
 
     >>> folder_name("~ sex + age"), folder_name("~ sex:age")
     ('sex-age', 'sex-age-8846')
@@ -107,13 +107,14 @@ def _one_case_each(run: Run) -> str:
 
 
 def _refuse_doubled_patients(run: Run) -> None:
-    """Cases of one patient are alike, and a test that permutes cases finds effects in that."""
+    """Raise StudyError for several cases of one patient: permutation tests need independence."""
     copies = run.copies[run.copies["case_id"].isin(run.cases)]
     if not copies.empty:
         lines = "".join(f"\n    {line}" for line in copies["exclude"])
         raise StudyError(
-            f"{len(copies)} of the {len(run.cases)} cases in {run.folder} are copies of others. "
-            "The tests would count them twice. Put into the study, and run it again:\n"
+            f"{run.folder} holds {counted(len(copies), 'copy', 'copies')} among its "
+            f"{len(run.cases)} cases, and the tests would count them twice. Add to the study, and "
+            "run it again:\n"
             f"data:\n  exclude:{lines}"
         )
     patients = list(run.patients.values())
@@ -121,7 +122,7 @@ def _refuse_doubled_patients(run: Run) -> None:
         raise StudyError(
             f"{counted(len(doubled), 'patient has', 'patients have')} several cases in "
             f"{run.folder}: "
-            f"{', '.join(doubled[:3])}{' …' if len(doubled) > 3 else ''}. The tests take cases as "
-            "independent, and would find effects where there are none. Compare a run with one case "
-            f"per patient: {_one_case_each(run)}."
+            f"{', '.join(doubled[:3])}{' …' if len(doubled) > 3 else ''}. The tests assume "
+            "independent cases, and would find effects that do not exist. Compare a run with one "
+            f"case per patient: {_one_case_each(run)}."
         )

@@ -1,4 +1,4 @@
-"""`workflow doctor`: what this machine offers, as a bug report needs it."""
+"""`workflow doctor`: describe this machine for a bug report, and check what a run needs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ssm_pipeline.engine import process
 
-# In a process of its own: without its libraries, VTK ends the process it draws in.
+# Run in a separate process: without its libraries, VTK crashes the process it draws in.
 DRAW = (
     "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(64, 64)); "
     "p.add_mesh(pyvista.Sphere()); image = p.screenshot(return_img=True); "
@@ -24,7 +24,7 @@ LEAST_FREE_GB = 5.0
 
 
 def diagnosis(runs: Path) -> tuple[list[str], bool]:
-    """Lines to read, and whether nothing stands in the way of a run."""
+    """Return lines to print, and whether this machine can run a study."""
     lines = [f"{name:<21}{version}" for name, version in process.versions().items()]
     lines += [f"{name:<21}{value}" for name, value in process.machine().items()]
     lines.append(f"{'jobs':<21}{process.default_jobs()} at a time, by default")
@@ -58,7 +58,7 @@ def _gpu() -> str:
     import torch
 
     if not torch.cuda.is_available():
-        return "none that PyTorch can use; training is on the CPU"
+        return "none that PyTorch can use; training runs on the CPU"
     properties = torch.cuda.get_device_properties(0)
     return f"{properties.name}, {properties.total_memory / 2**30:.0f} GB"
 

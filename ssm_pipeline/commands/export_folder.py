@@ -1,4 +1,4 @@
-"""What earlier exports left in a folder, and where a run was exported to."""
+"""Files of earlier exports in a folder, and the folders a run was exported to."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXPORTS_FILE = "exports.json"
 def clear_former_model(
     folder: Path, before: Mapping[str, Any], model_key: str, written: Sequence[Path]
 ) -> list[str]:
-    """Delete what an earlier export wrote of another model, cases left out since among it.
+    """Delete the files of another model that an earlier export wrote.
 
     Args:
         before: The content of the folder's `export.json` before this export.
@@ -35,7 +35,7 @@ def clear_former_model(
 
 
 def note_export(run_folder: Path, folder: Path) -> None:
-    """Write down where a run was exported to, for `workflow forget` to name."""
+    """Record a folder that a run was exported to, so that `workflow forget` can list it."""
     path = run_folder / EXPORTS_FILE
     known = storage.read_json(path) if path.is_file() else []
     if str(folder.resolve()) not in known:
@@ -43,7 +43,7 @@ def note_export(run_folder: Path, folder: Path) -> None:
 
 
 def exports_of(run_folder: Path) -> tuple[Path, ...]:
-    """The folders that a run was exported to, as far as they exist."""
+    """Return the existing folders that a run was exported to."""
     path = run_folder / EXPORTS_FILE
     known = storage.read_json(path) if path.is_file() else []
     return tuple(Path(name) for name in known if Path(name).exists())

@@ -1,4 +1,4 @@
-"""`workflow export`: a finished run's model in the formats that other programs read."""
+"""`workflow export`: write a finished run's model in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def export_run(
         The paths written.
 
     Raises:
-        StudyError: For an unknown format, a folder that holds no finished run, or one to write to
-            that would mix case ids and pseudonyms.
+        StudyError: If a format is unknown, the run is not finished, or the export would mix case
+            ids and pseudonyms in one folder.
     """
     wanted = [name.strip() for name in formats]
     if unknown := [name for name in wanted if name not in FORMATS]:
@@ -51,7 +51,7 @@ def export_run(
     names = {case_id: case_id for case_id in run.cases}
     if pseudonymise:
         names = pseudonyms_of(run.cases, run_folder)
-    # In the order of the new names: that of the old ones would tell them.
+    # In the order of the new names, because the order of the old ones could identify them.
     cases = sorted(run.cases, key=lambda case_id: names[case_id]) if pseudonymise else run.cases
     about = folder / ABOUT_FILE
     before = storage.read_json(about) if about.is_file() else {}
@@ -135,7 +135,7 @@ def _about(run: Run, pseudonymised: bool, names: dict[str, str]) -> dict[str, ob
 
 
 def _in_words(run: Run, pseudonymised: bool) -> About:
-    """For README and model card. Of the settings nothing that names a case, a folder or a file."""
+    """Return the facts for README and model card, without names of cases, folders or files."""
     settings = run.settings
     if IMPORTED in {record.note for record in run.stages}:
         return About(
@@ -146,7 +146,7 @@ def _in_words(run: Run, pseudonymised: bool) -> About:
             synthetic=False,
             pseudonymised=pseudonymised,
             size_removed=None,
-            settings={"how": "not known: the model was imported"},
+            settings={"how": "unknown, because the model was imported"},
             metrics=[],
             version=importlib.metadata.version("ssm-pipeline"),
         )
@@ -171,7 +171,7 @@ def _in_words(run: Run, pseudonymised: bool) -> About:
 
 
 def _mirrored(run: Run) -> dict[str, object]:
-    """What is told of a study whose sides are one cohort: whose files are mirror images."""
+    """Return a note on mirrored cases for studies that unite left and right."""
     mirror = run.settings["data"].get("mirror")
     if not mirror:
         return {}
@@ -183,7 +183,7 @@ def _mirrored(run: Run) -> dict[str, object]:
 
 
 def _quality(run: Run) -> list[str]:
-    """The full method's numbers with all modes, a line a measure; none of an imported model."""
+    """Return the full method's scores with all modes, a line each; empty for imported models."""
     table = run.metrics.tables.get("comparison")
     if table is None:
         return []
@@ -196,10 +196,10 @@ def _quality(run: Run) -> list[str]:
 
 
 def _refuse_to_mix(folder: Path, run_folder: Path, pseudonymise: bool) -> None:
-    """What lies in a folder of pseudonyms is passed on: no file there may name a case."""
+    """Raise StudyError if a folder of pseudonyms would also hold case ids."""
     if pseudonymise and (run_folder / KEY_FILE).resolve().is_relative_to(folder.resolve()):
         raise StudyError(
-            f"{folder} would hold the key to the pseudonyms, {run_folder / KEY_FILE}, too. Choose "
+            f"{folder} would contain the key to the pseudonyms, {run_folder / KEY_FILE}. Choose "
             "another folder with --to."
         )
     if not folder.is_dir() or not any(folder.iterdir()):

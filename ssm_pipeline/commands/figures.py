@@ -1,4 +1,4 @@
-"""`workflow figures`: a finished run's figures for a paper."""
+"""`workflow figures`: draw a finished run's figures for a paper."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ssm_pipeline.study.yaml_settings import checked_as, merge, parse_changes
 
 
 def draw_figures(run_folder: Path, formats: Sequence[str], changes: Sequence[str]) -> list[Path]:
-    """figures/*: the figures of a finished run, in each format. Raises StudyError."""
+    """Write the figures of a finished run to figures/, in each format. Raises StudyError."""
     from ssm_pipeline.report.figures import write_figures
 
     run = load_run(run_folder)

@@ -1,4 +1,4 @@
-"""`workflow fit`: patients who are not in the model, held against it."""
+"""`workflow fit`: fit the model to patients who are not in it."""
 
 from __future__ import annotations
 
@@ -124,19 +124,20 @@ def fit_patients(
 def cases_to_judge_by(
     run: Run, settings: StudySettings, terminal: Terminal
 ) -> tuple[CorrespondedShapes, list[Mesh], list[str]]:
-    """The run's own cases, their meshes, and whom each is of; where they are too few, shapes drawn
-    from the model in their place."""
+    """Return the run's cases, their meshes and their patients.
+
+    If there are too few cases, shapes drawn from the model are returned instead.
+    """
     shapes, model, patient_of = run.shapes, run.model, run.patients
     patients = [patient_of[case_id] for case_id in shapes.case_ids]
     if can_judge(patients):
         return shapes, [run.mesh(case_id) for case_id in shapes.case_ids], patients
     drawn = drawn_cases(model, settings.seed)
     terminal.say(
-        f"the model has {len(shapes.case_ids)} cases of its own, of "
-        f"{counted(len(set(patients)), 'patient')}, "
-        f"and fits are judged by {FEWEST_CASES} or more: by {len(drawn.case_ids)} shapes drawn "
-        "from the model instead. Those are more alike than patients, so thresholds and intervals "
-        "are too narrow."
+        f"the model has {counted(len(shapes.case_ids), 'case')} of "
+        f"{counted(len(set(patients)), 'patient')}, but {FEWEST_CASES} or more are needed to judge "
+        f"a fit. {len(drawn.case_ids)} shapes drawn from the model are used instead. They vary "
+        "less than patients, so thresholds and intervals are too narrow."
     )
     return drawn, meshes_of(drawn), list(drawn.case_ids)
 
@@ -150,7 +151,7 @@ def reference_of(
     jobs: int,
     terminal: Terminal,
 ) -> CrossValidation:
-    """The cross-validation of a run's model, made once and kept in `<run>/fitting/`."""
+    """Return the cross-validation of a run's model; it is computed once, in `<run>/fitting/`."""
     surfaces = [key_of_arrays(mesh.vertices, mesh.faces) for mesh in meshes]
     matched = key_of_arrays(shapes.vertices)
     key = key_of(matched, surfaces, list(patients), settings.shape_model, settings.seed)
@@ -158,7 +159,7 @@ def reference_of(
     if path.is_file():
         return storage.load(CrossValidation, path)
     terminal.say(
-        f"fitting {counted(len(shapes.case_ids), 'case')}, each left out of the model, once"
+        f"fitting {counted(len(shapes.case_ids), 'case')}, each left out of the model (done once)"
     )
     with_scale = settings.shape_model.with_scale
     reference = cross_validate(shapes, meshes, with_scale, settings.seed, jobs, patients)
@@ -167,7 +168,7 @@ def reference_of(
 
 
 def patient_surface(patient: Mask | Surface, settings: StudySettings) -> Mesh:
-    """The surface of a mask as the study makes it, open where the image ended; a surface as is."""
+    """Return a mask's surface, open at the image border; a surface is returned as it is."""
     if isinstance(patient, Surface):
         return Mesh(patient.vertices, patient.faces, patient.case_id)
     from ssm_pipeline.meshing.mask_to_mesh import mesh_with_quality
@@ -194,11 +195,11 @@ def matched_to_template(run: Run, settings: StudySettings, surface: Mesh) -> np.
     if not is_oriented_manifold(surface.faces):
         raise CaseError(
             surface.case_id,
-            "the surface is open or no manifold, and can't be matched. Fit it --by model.",
+            "the surface is open or not a manifold, so it can't be matched. Pass --by model.",
         )
     matcher_file = run.where(MATCHER)
     if not matcher_file.is_file():
-        raise StudyError(f"{run.folder} has no trained matcher. Fit --by model.")
+        raise StudyError(f"{run.folder} has no trained matcher. Pass --by model.")
     shapes = run.shapes
     if surface.case_id in shapes.case_ids:  # a case of the model, fitted as if it were new
         surface = Mesh(surface.vertices, surface.faces, f"{surface.case_id}, fitted again")

@@ -1,7 +1,7 @@
-"""`workflow forget`: a case whose consent was withdrawn leaves a run, with all that was made of it.
+"""`workflow forget`: delete a case whose consent was withdrawn, with all results that used it.
 
-What rests on other cases alone stays: their meshes and bases. The trained networks, every
-correspondence, the model, its scores and the report were made with the case, and go.
+Results that depend only on other cases stay: their meshes and bases. The trained networks, all
+correspondences, the model, its scores and the report used the case and are deleted.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from ssm_pipeline.engine.withdrawn import withdraw
 from ssm_pipeline.records import StudyError
 from ssm_pipeline.study.yaml_settings import read_yaml
 
-OF_ONE_CASE_EACH = ("data", "meshing", "spectral")  # stages whose cases don't see each other
+OF_ONE_CASE_EACH = ("data", "meshing", "spectral")  # stages in which cases are independent
 STALE_PAGE = """<!doctype html>
 <meta charset="utf-8">
 <title>Out of date</title>
-<p>This report was made with a case that has been withdrawn since, and was deleted.
+<p>This report was deleted, because a case in it has been withdrawn.
 Run the study again to make a new one.</p>
 """
 
 
 @dataclass(frozen=True)
 class Forgotten:
-    """What was deleted in the run's folder, and the exports elsewhere that still hold the case."""
+    """The deleted files of the run's folder, and exports elsewhere that still hold the case."""
 
     deleted: tuple[Path, ...]
     exports: tuple[Path, ...]
@@ -44,10 +44,10 @@ class Forgotten:
 def forget_case(case_id: str, run_folder: Path) -> Forgotten:
     """Delete every trace of a case in a run's folder, and leave it out of later runs there.
 
-    Its files are known by their hash from now on, so that they are left out whatever their name.
+    Its files are recognised by their hash, so that they are left out under any name.
 
     Raises:
-        StudyError: If the folder holds no run, or no such case.
+        StudyError: If the folder holds no run, or the run has no such case.
     """
     owner = read_owner(run_folder)
     if owner is None:
@@ -88,7 +88,7 @@ def _forget_in_stage(stage: Path, case_id: str) -> None:
 
 
 def _forget_in_settings(path: Path, case_id: str) -> None:
-    """As a template, as one of data.cases, as left out with a reason."""
+    """Delete a case from a file of settings: as template, in data.cases and in data.exclude."""
     if path.is_file() and case_id in path.read_text(encoding="utf-8", errors="replace"):
         left = without_value(read_yaml(path), case_id)
         data = left.get("data", {})

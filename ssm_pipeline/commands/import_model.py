@@ -1,4 +1,4 @@
-"""`workflow import`: another program's model as a run that view, fit and export accept."""
+"""`workflow import`: make a run of another program's model, for view, fit and export."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def import_model(
         The folder.
 
     Raises:
-        StudyError: the file is no model, its size is no organ's, or the folder is in use.
+        StudyError: If the file holds no model, its size can't be an organ's, or the folder exists.
     """
     suffix = next((suffix for suffix in READERS if path.name.lower().endswith(suffix)), None)
     if suffix is None:
@@ -67,7 +67,7 @@ def import_model(
     model = _checked(_in_mm(READERS[suffix](path), unit, path))
     folder = runs / (name or path.name[: -len(suffix)])
     if folder.exists() and any(folder.iterdir()):
-        raise StudyError(f"{folder} is in use. Choose another name with --name.")
+        raise StudyError(f"{folder} exists and is not empty. Choose another name with --name.")
     if not model.case_ids:
         model = ShapeModel(
             model.mean,
@@ -92,7 +92,9 @@ def import_model(
 def _in_mm(model: ShapeModel, unit: Unit | None, path: Path) -> ShapeModel:
     diagonal = diagonal_of(model.mean)
     if diagonal == 0:
-        raise StudyError(f"{path}: all points of the mean are one point. Save the model again.")
+        raise StudyError(
+            f"{path}: all points of the mean shape coincide. Save the model again in its program."
+        )
     if unit is not None:
         scale = MM_OF[unit]
         return dataclasses.replace(
@@ -100,8 +102,9 @@ def _in_mm(model: ShapeModel, unit: Unit | None, path: Path) -> ShapeModel:
         )
     if (likely := likely_unit(diagonal)) is not None:
         raise StudyError(
-            f"{path}: its mean is {diagonal:.3g} across, which is no organ's size in millimetres. "
-            f"Is it in {NAMES[likely]}? Pass --unit {likely}, or --unit mm if it is right as it is."
+            f"{path}: the mean shape is {diagonal:.3g} across, which can't be an organ's size in "
+            f"millimetres. If it is in {NAMES[likely]}, pass --unit {likely}; if it is in "
+            "millimetres, pass --unit mm."
         )
     return model
 
@@ -118,7 +121,7 @@ def _checked(model: ShapeModel) -> ShapeModel:
 
 
 def _write_run(model: ShapeModel, settings: StudySettings, folder: Path) -> None:
-    """The files of the stages that a finished run would have left, as far as a model tells."""
+    """Write the files of a finished run that can be made from a model alone."""
     case_ids, files = model.case_ids, Run(folder)
     shapes = CorrespondedShapes(model.reconstruct(model.scores), model.faces, case_ids, case_ids[0])
     still = tuple(Similarity.identity() for _ in case_ids)

@@ -1,4 +1,4 @@
-"""`workflow init`: the YAML of a new study, with a comment a setting worth knowing."""
+"""`workflow init`: write the YAML of a new study, with comments on the main settings."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ _OF_MESHES = {
 def data_of(
     masks: Path | None, meshes: Path | None, given: Mapping[str, Any]
 ) -> MaskFolderData | MeshFolderData:
-    """The settings that `init`'s options mean; those given as None or [] have their default.
+    """Return the settings for the options of `init`; None and [] mean the default.
 
     Raises:
-        StudyError: Where not one of both folders is given, or an option fits neither.
+        StudyError: If not exactly one folder is given, or an option does not fit it.
     """
     folder = masks if masks is not None else meshes
     if folder is None or (masks is not None and meshes is not None):
@@ -74,23 +74,23 @@ def data_of(
         return checked_as(MeshFolderData, {"folder": folder, **wanted}, Path("workflow init"))
     if len({"labels", "segments", "threshold"} & set(wanted)) != 1:
         raise StudyError(
-            "say once what the organ is: --label 3, --segment liver, or --threshold 0.5."
+            "give only one of --label, --segment and --threshold: they all select the organ."
         )
     return checked_as(MaskFolderData, {"folder": folder, **wanted}, Path("workflow init"))
 
 
 def write_study(name: str, data: MaskFolderData | MeshFolderData) -> Path:
-    """Write `<name>.yaml` here, on the cases of `data`.
+    """Write `<name>.yaml` to the current directory, for the cases of `data`.
 
     Returns:
         Its path.
 
     Raises:
-        StudyError: For a folder without cases, a name with a path in it, or a file that exists.
+        StudyError: If the folder has no cases, the name contains a path, or the file exists.
     """
     path = Path(f"{name.removesuffix('.yaml').removesuffix('.yml')}.yaml")
     if path.name != str(path) or not name.strip(". "):
-        raise StudyError(f"{name} is not a plain name; give one without folders, as my-study.")
+        raise StudyError(f"{name} is not a plain name. Give a name without folders: my-study.")
     if path.exists():
         raise StudyError(f"{path} exists. Give another name, or delete it.")
     cohort = data.find(Path())

@@ -1,4 +1,4 @@
-"""`workflow status`: where a run stands, from what it left and from its log."""
+"""`workflow status`: show the progress of a run, from its files and its log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ssm_pipeline.records import StudyError
 
 @dataclass(frozen=True)
 class Work:
-    """What a run is, or was, in the middle of.
+    """The unfinished work of a run.
 
     stage, cases; label, done, total: its piece of work; dropped: cases so far; stage_began, began,
     seen: when the stage and its piece began, and when the run was last heard of.
@@ -42,7 +42,7 @@ class Work:
 
     @property
     def seconds_left(self) -> float | None:
-        """Of this piece of work, at the pace so far; None where there is no pace yet."""
+        """Estimated seconds left of this piece of work; None before its first step."""
         spent = (self.seen - self.began).total_seconds()
         if self.done <= 0 or spent <= 0:
             return None
@@ -50,10 +50,10 @@ class Work:
 
 
 def status_lines(run_folder: Path) -> list[str]:
-    """A line per stage, what runs now, and how long the whole run will still take.
+    """Return a line per stage, the current work, and the estimated time left.
 
     Raises:
-        StudyError: Without a run.
+        StudyError: If the folder holds no run.
     """
     records = [StageRecord.read(path.parent) for path in run_folder.glob("*/stage.json")]
     finished = sorted((r for r in records if r is not None), key=lambda r: r.finished_at)
@@ -70,10 +70,10 @@ def status_lines(run_folder: Path) -> list[str]:
     if _is_running(run_folder):
         lines.append(f"now: {_described(work)}" if work else "now: starting")
     elif work is not None:
-        lines.append(f"stopped: {_described(work)}. The same command goes on from there.")
+        lines.append(f"stopped: {_described(work)}. Run the same command again to continue.")
         if events and events[-1]["event"] == "run stopped":
             because = str(events[-1].get("error", "")).splitlines()
-            lines.append(f"because: {because[0] if because else 'not said'}")
+            lines.append(f"because: {because[0] if because else 'the log gives no reason'}")
     elif finished:
         lines.append("finished")
     else:  # its stages were deleted, as by `workflow forget`
@@ -84,7 +84,7 @@ def status_lines(run_folder: Path) -> list[str]:
 
 
 def work_in_hand(events: Sequence[Event]) -> Work | None:
-    """What the last run's last unfinished stage is at; None if it came to its end."""
+    """Return the work of the last unfinished stage; None if the last run finished."""
     work: Work | None = None
     for event in events:
         kind, when = event["event"], event["time"]
@@ -109,15 +109,15 @@ def work_in_hand(events: Sequence[Event]) -> Work | None:
 
 
 def lines_of_time_left(work: Work, events: Sequence[Event], took: Sequence[Took]) -> list[str]:
-    """How long the rest of the run will take, and on what that rests; what is unknown is said.
+    """Return lines with the estimated time left, its basis, and what is unknown.
 
     Args:
-        took: What stages took before, in this run and in others.
+        took: Earlier times of stages, in this run and in others.
     """
     plan = planned_stages(events)
     names = [planned.stage for planned in plan]
     if work.stage not in names:
-        return [f"in all: not known; the log does not name what comes after {work.stage}"]
+        return [f"in all: unknown; the log does not list the stages after {work.stage}"]
     here = names.index(work.stage)
     as_before = expected_seconds(plan[here], work.cases, took)
     left = [(work.stage, _of_the_stage_at_hand(work, as_before))]
@@ -127,24 +127,24 @@ def lines_of_time_left(work: Work, events: Sequence[Event], took: Sequence[Took]
     lines = []
     later = [f"{stage} {duration(seconds)}" for stage, seconds in known if stage != work.stage]
     if later:
-        lines.append(f"then: {', '.join(later)}, by what they took before")
+        lines.append(f"then: {', '.join(later)}, estimated from earlier runs")
     total = duration(sum(seconds for _, seconds in known))
     if as_before is not None and not unknown:
         lines.append(f"in all: about {total} to go")
     else:
-        lines.append(f"in all: at least {total} to go" if known else "in all: not known")
+        lines.append(f"in all: at least {total} to go" if known else "in all: unknown")
     if unknown:
         lines.append(
-            f"not known: how long {', '.join(unknown)} will take; by these settings, no run beside "
-            "this one came through them"
+            f"unknown: the time of {', '.join(unknown)}; no run in this folder has finished "
+            "this with these settings"
         )
     return lines
 
 
 def _of_the_stage_at_hand(work: Work, as_before: float | None) -> float | None:
-    """The longer of what its pace says of this piece of work, and what is left of its time before.
+    """Return the longer of two estimates: from the current pace, and from the stage's last time.
 
-    A stage may have more pieces of work to come, which its pace does not know of.
+    The pace alone is too short if the stage has further pieces of work.
     """
     if as_before is None:
         return work.seconds_left

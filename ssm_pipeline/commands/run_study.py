@@ -1,4 +1,4 @@
-"""`workflow run`: a study from its masks to its report."""
+"""`workflow run`: run a study from its masks to its report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`workflow transfer`: landmarks and labels of the template, on every case and fitted patient."""
+"""`workflow transfer`: map the template's landmarks and labels to cases and fitted patients."""
 
 from __future__ import annotations
 
@@ -62,22 +62,23 @@ def transfer(
 ) -> list[Path]:
     """Write `<case>/landmarks.mrk.json` and `<case>/labels.vtp`, each in its scan's millimetres.
 
-    A case that the study mirrors is mirrored back. A point of a fitted patient where the surface
-    was not observed is marked: it is where the model expects it.
+    A case that the study mirrors is mirrored back. Points of a fitted patient that lie where the
+    surface was not observed are marked: the model predicts their positions.
 
     Args:
         landmarks: A Slicer `.mrk.json` or `.fcsv`, placed on the template.
         labels: A table of vertex and label.
-        fits: The folder of a `workflow fit`, whose patients are added.
+        fits: A folder that `workflow fit` wrote; its patients are added.
 
     Returns:
         The paths written; `landmarks.csv` holds all points in one table.
 
     Raises:
-        StudyError: neither is given, points are off the template, or a file can't be read.
+        StudyError: If neither landmarks nor labels are given, points lie far from the template, or
+            a file can't be read.
     """
     if landmarks is None and labels is None:
-        raise StudyError("nothing to transfer: pass --landmarks, --labels or both.")
+        raise StudyError("there is nothing to transfer. Pass --landmarks, --labels or both.")
     run = load_run(run_folder)
     shapes = _cases(run)
     if fits is not None:
@@ -107,7 +108,7 @@ def _cases(run: Run) -> dict[str, _Shape]:
 def _write_landmarks(
     placed: Landmarks, run: Run, shapes: dict[str, _Shape], folder: Path
 ) -> list[Path]:
-    """A file per shape, and one table.
+    """Write one file per shape, and one table.
 
     Returns:
         The paths.
@@ -150,8 +151,8 @@ def _fitted(
     found = sorted(folder.glob(f"*/{FITTED_FILE}"))
     if not found:
         raise StudyError(
-            f"{folder} holds no fitted patients (<patient>/{FITTED_FILE}). Give the folder that "
-            "`workflow fit --out` wrote."
+            f"{folder} holds no fitted patients (<patient>/{FITTED_FILE}). Pass the output folder "
+            "of `workflow fit`."
         )
     shapes = {}
     for path in found:
@@ -159,18 +160,19 @@ def _fitted(
         vertices = np.asarray(surface.points, float)
         if len(vertices) != len(template):
             raise StudyError(
-                f"the fitted patient {name} has {len(vertices)} vertices and the run's template "
-                f"{len(template)}: it was fitted to another model."
+                f"the fitted patient {name} has {len(vertices)} vertices, but the run's template "
+                f"has {len(template)}: it was fitted to another model. Fit the patient again to "
+                "this run."
             )
         if name in cases:
             raise StudyError(
-                f"the fitted patient {name} has the id of a case of the run. Rename the file and "
-                "fit it again."
+                f"the fitted patient {name} has the same id as a case of the run. Rename the "
+                "patient's file and fit it again."
             )
         if missing := [key for key in FITTED_ARRAYS if key not in surface.point_data]:
             raise StudyError(
-                f"{path} has no point array {' and no '.join(missing)}, so that what was observed "
-                "is unknown. Fit the patient again with `workflow fit`."
+                f"{path} has no point array {' and no '.join(missing)}, so it is unknown which "
+                "part of the surface was observed. Fit the patient again with `workflow fit`."
             )
         observed, radius_mm = (np.asarray(surface.point_data[key]) for key in FITTED_ARRAYS)
         is_reflected = volume(vertices, faces) * volume(template, faces) < 0

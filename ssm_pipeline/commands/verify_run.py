@@ -1,4 +1,4 @@
-"""`workflow verify`: is every file of a run still what was written? By content, not by size."""
+"""`workflow verify`: check that no file of a run has changed, by content."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from ssm_pipeline.records import DamagedFile, StudyError
 
 
 def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bool:
-    """True if every file of every finished stage is as it was written.
+    """Return True if no file of any finished stage has changed since it was written.
 
     Args:
-        remove: Deletes what is not, so that the next run makes it again; without it nothing is
-            changed. Raises StudyError if the folder holds no run, or one that is running.
+        remove: Whether to delete changed files, so that the next run makes them again.
+
+    Raises:
+        StudyError: If the folder holds no run, or another process is writing to it.
     """
     stages = sorted(path.parent for path in run_folder.glob("*/stage.json"))
     if not stages:
@@ -28,9 +30,9 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
         for number, folder in enumerate(stages, start=1):
             record = StageRecord.read(folder)
             if record is None:
-                damaged.append(DamagedFile(folder / "stage.json", "is no record of a stage"))
+                damaged.append(DamagedFile(folder / "stage.json", "is not a stage's record"))
             elif not record.files:
-                terminal.detail(f"{folder.name}: made before hashes were kept; not looked at")
+                terminal.detail(f"{folder.name}: not checked, as its record has no hashes")
             else:
                 files, looked_at = files + len(record.files), looked_at + 1
                 damaged += damaged_files(folder, record.files, by_content=True)
@@ -41,15 +43,17 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
                 undo(error.path, run_folder)
     if not damaged:
         terminal.say(
-            f"{run_folder}: {counted(files, 'file')} of {looked_at} of {len(stages)} stages and "
-            f"what "
-            "their cases left are as they were written"
+            f"{run_folder}: {counted(files, 'file')} of {looked_at} of "
+            f"{counted(len(stages), 'stage')} and of their cases are unchanged"
         )
     elif remove:
-        terminal.say(f"{len(damaged)} damaged files deleted; the next run makes them again")
+        terminal.say(
+            f"{counted(len(damaged), 'damaged file')} deleted; the next run will make "
+            f"{'it' if len(damaged) == 1 else 'them'} again"
+        )
     else:
         terminal.say(
-            f"{len(damaged)} damaged files. To have them made again: workflow verify "
-            f"{run_folder} --remove, and the same run as before"
+            f"{counted(len(damaged), 'damaged file')} found. To repair the run, call: workflow "
+            f"verify {run_folder} --remove, then run the study again"
         )
     return not damaged

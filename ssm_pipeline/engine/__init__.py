@@ -1,4 +1,4 @@
-"""Runs stages: keys, cache, resume, per-case work in processes, ownership, terminal.
+"""Run stages: keys, cache, resume, per-case work in processes, ownership, terminal.
 
-Knows nothing of shapes: a stage is a function that reads files and writes files.
+The engine knows nothing about shapes: a stage is a function that reads files and writes files.
 """

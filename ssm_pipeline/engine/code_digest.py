@@ -1,4 +1,4 @@
-"""A digest of the code that computes a result: cached results of other code are not reused.
+"""Digest the code that computes a result, so that cached results of other code are not reused.
 
 The digest covers a module and every module of the project that it imports, directly or through
 others, inside functions too. Comments, docstrings and formatting do not count.
@@ -62,7 +62,7 @@ def _source(module: str) -> Path:
 
 
 def _file_of(module: str) -> Path | None:
-    """The module's file; None for what is no module. Nothing is imported."""
+    """Return the module's file, or None if there is no such module. Nothing is imported."""
     package = find_spec(PROJECT)
     assert package is not None
     assert package.origin is not None
@@ -76,7 +76,7 @@ def _parsed(path: Path) -> ast.Module:
 
 
 def _imports(path: Path) -> set[str]:
-    """Modules of the project that a file names in its imports. The package itself is no module."""
+    """Return the project's modules that a file imports, without the package itself."""
     names: set[str] = set()
     for node in ast.walk(_parsed(path)):
         if isinstance(node, ast.Import):
@@ -90,7 +90,7 @@ def _imports(path: Path) -> set[str]:
 
 
 def _statements(path: Path) -> str:
-    """The syntax tree as text, without docstrings and positions."""
+    """Return the syntax tree as text, without docstrings and positions."""
     return ast.dump(_WithoutDocstrings().visit(_parsed(path)))
 
 

@@ -15,13 +15,13 @@ from ssm_pipeline.storage import FORMAT_VERSION
 
 
 def key_of(*parts: Any) -> str:
-    """Hash of settings, numbers, strings, and lists, tuples and dictionaries of them."""
+    """Hash settings, numbers, strings, and lists, tuples and dictionaries of them."""
     text = json.dumps([FORMAT_VERSION, *parts], sort_keys=True, default=_plain)
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 def key_of_files(paths: Iterable[Path]) -> str:
-    """Hash of the contents, in the order given; neither the place nor the date counts."""
+    """Hash the contents of files in the given order; their paths and dates do not count."""
     digest = hashlib.blake2b(digest_size=16)
     for path in paths:
         digest.update(path.suffix.encode())
@@ -31,7 +31,7 @@ def key_of_files(paths: Iterable[Path]) -> str:
 
 
 def key_of_arrays(*arrays: np.ndarray) -> str:
-    """Hash of the arrays' contents."""
+    """Hash the contents of arrays."""
     digest = hashlib.blake2b(digest_size=16)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -1,7 +1,7 @@
-"""Which files a stage and its cases left, and which of them are no longer as they were written.
+"""List the files that a stage wrote, and find those that have changed since.
 
-A case's `case.json` answers for the files beside it, `stage.json` for the rest of the stage's
-folder, the `case.json`s among them.
+A case's `case.json` lists the files beside it. `stage.json` lists all other files of the stage's
+folder, including each `case.json`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ CASE_FILE, STAGE_FILE = "case.json", "stage.json"
 
 
 def files_of_case(folder: Path) -> Iterator[Path]:
-    """All that lies in a case's folder but its own record."""
+    """Yield all files in a case's folder except its own record."""
     return (path for path in _files_below(folder) if path != folder / CASE_FILE)
 
 
 def files_of_stage(folder: Path) -> Iterator[Path]:
-    """All that lies in a stage's folder, but what a `case.json` answers for and its own record."""
+    """Yield a stage's files, except its own record and the files that a `case.json` lists."""
     for path in _files_below(folder):
         owners = (parent / CASE_FILE for parent in path.parents if parent.is_relative_to(folder))
         if path.name == CASE_FILE or not any(owner.exists() for owner in owners):
@@ -33,7 +33,7 @@ def files_of_stage(folder: Path) -> Iterator[Path]:
 def damaged_files(
     folder: Path, written: storage.Fingerprints, by_content: bool = False
 ) -> list[DamagedFile]:
-    """What is not as a stage left it: of its own files, and of its cases'."""
+    """Return the files of a stage and of its cases that have changed since they were written."""
     found = storage.not_as_written(folder, written, by_content)
     bad = {error.path for error in found}
     for path in (folder / name for name in written if Path(name).name == CASE_FILE):
@@ -43,14 +43,14 @@ def damaged_files(
             of_case = storage.read_json(path).get("files", {})
             found += storage.not_as_written(path.parent, of_case, by_content)
         except (DamagedFile, AttributeError, TypeError, ValueError):
-            found.append(DamagedFile(path, "no longer holds what was written"))
+            found.append(DamagedFile(path, "has changed since it was written"))
     return found
 
 
 def undo(path: Path, run_folder: Path) -> None:
-    """Delete a damaged file and the records that call it finished, so that it is made again.
+    """Delete a damaged file and the records that list it, so that it is made again.
 
-    A path outside the run's folder, which a damaged record may name, is left alone.
+    Paths outside the run's folder, which a damaged record may contain, are not touched.
     """
     path = Path(os.path.normpath(path))  # without "..", but with the user's own links
     if not path.is_relative_to(run_folder):
@@ -64,5 +64,5 @@ def undo(path: Path, run_folder: Path) -> None:
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
-    """Hidden ones are other processes' unfinished writing."""
+    """Yield the files below a folder, without hidden ones: those are unfinished writes."""
     return (path for path in folder.rglob("*") if path.is_file() and path.name[0] != ".")

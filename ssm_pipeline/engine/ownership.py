@@ -1,4 +1,4 @@
-"""Whose results a run folder holds: two studies never mix in one, nor two runs at a time."""
+"""Record which study a run folder belongs to, and let one run at a time write to it."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def alone_in(run_folder: Path) -> Iterator[None]:
         StudyError: If another process holds it.
     """
     run_folder.parent.mkdir(parents=True, exist_ok=True)
-    # Beside the folder, not in it: the folder itself may be moved aside.
+    # The lock lies beside the folder, because the folder itself may be moved.
     lock = FileLock(run_folder.with_name(f"{LOCK_FILE}-{run_folder.name}"))
     try:
         lock.acquire(timeout=0)
     except Timeout as error:
         raise StudyError(
-            f"another process is running {run_folder}. Wait for it, or choose another folder "
-            "with --runs."
+            f"another process is writing to {run_folder}. Wait until it ends, or choose another "
+            "folder with --runs."
         ) from error
     try:
         yield
@@ -44,22 +44,23 @@ def alone_in(run_folder: Path) -> Iterator[None]:
 
 
 def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
-    """Check that the folder is this study's, before anything is written to it.
+    """Check that the folder belongs to this study, before anything is written to it.
 
-    Phantom results give way to patients': they are moved to `<study>-phantoms`, and that path is
-    returned.
+    If patients are run and the folder holds results of phantoms, these are moved to
+    `<study>-phantoms`, and that path is returned.
 
     Raises:
-        StudyError: For a folder of another study, or of patients when phantoms run.
+        StudyError: If the folder belongs to another study, or phantoms are run and it holds
+            results of patients.
     """
     owner = read_owner(run_folder)
     if owner is None:
-        ours = ("data", OWNER_FILE, "study.yaml")  # of a run that was stopped as it began
+        ours = ("data", OWNER_FILE, "study.yaml")  # left by a run that stopped early
         names = [path.name for path in run_folder.glob("*")]
         strangers = [name for name in names if name not in ours and not name.startswith(".")]
         if strangers:
             raise StudyError(
-                f"{run_folder} holds files that are no run of this program ({strangers[0]}). "
+                f"{run_folder} holds files that do not belong to a run (such as {strangers[0]}). "
                 "Choose another folder with --runs."
             )
         return None
@@ -70,8 +71,8 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
         )
     if is_synthetic and not owner["synthetic"]:
         raise StudyError(
-            f"{run_folder} holds results of {owner['data']}; this run has no masks and would put "
-            "synthetic phantoms in their place. Pass --data, or choose another folder with --runs."
+            f"{run_folder} holds results of {owner['data']}. This run has no masks and would "
+            "replace them by synthetic phantoms. Pass --data, or choose another folder with --runs."
         )
     if is_synthetic or not owner["synthetic"]:
         return None
@@ -86,12 +87,15 @@ def make_room(run_folder: Path, study: str, is_synthetic: bool) -> Path | None:
 
 
 def read_owner(run_folder: Path) -> dict[str, Any] | None:
-    """Whose the folder is: study, synthetic, data, cases (id → file key); None if no run was here.
+    """Return the folder's owner: study, synthetic, data, cases (id → file key).
 
-    Where the file that says so is damaged or missing, the run's log and records say it.
+    If the owner file is damaged or missing, the owner is read from the run's log and records.
+
+    Returns:
+        None if the folder holds no run.
 
     Raises:
-        StudyError: Where they don't either.
+        StudyError: If the log and records do not contain the owner either.
     """
     path = run_folder / OWNER_FILE
     record = StageRecord.read(run_folder / "data")
@@ -104,20 +108,20 @@ def read_owner(run_folder: Path) -> dict[str, Any] | None:
     if not any(run_folder.glob(f"*/{STAGE_FILE}")):
         return None  # nothing is finished here
     raise StudyError(
-        f"{path} is missing or damaged, and nothing else says whose results {run_folder} "
-        "holds. Move it away and run again."
+        f"{path} is missing or damaged, and the log does not say which study the results in "
+        f"{run_folder} belong to. Move that folder away and run again."
     )
 
 
 def _said_of_the_owner(run_folder: Path) -> Iterator[Any]:
-    """What the owner's file says, then what the log does, the latest first."""
+    """Yield the content of the owner file, then the log's entries, the latest first."""
     with suppress(DamagedFile):
         yield storage.read_json(run_folder / OWNER_FILE)
     yield from reversed([one for one in read_events(run_folder) if one["event"] == "run"])
 
 
 def _owner(content: Any) -> dict[str, Any]:
-    """Raises KeyError or TypeError for what no run wrote."""
+    """Return a checked owner. Raises KeyError or TypeError for content that no run writes."""
     kinds = {"study": str, "synthetic": bool, "data": str}
     kinds |= {"cases": dict} if "cases" in content else {}
     owner = {name: content[name] for name in kinds}
@@ -130,20 +134,20 @@ def _owner(content: Any) -> dict[str, Any]:
 def take(
     run_folder: Path, study: str, data: str, is_synthetic: bool, file_keys: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """Write down whose the folder is.
+    """Write the folder's owner.
 
-    Cases may be added to a study or left out: one mask in common is enough. What there is of cases
-    left out is deleted; their ids are returned.
+    Cases may be added to a study or left out: one mask in common is enough. The results of cases
+    that were left out are deleted, and their ids are returned.
 
     Raises:
-        StudyError: If it holds results of other masks.
+        StudyError: If the folder holds results of other masks.
     """
     owner = read_owner(run_folder)
     before: Mapping[str, str] = owner["cases"] if owner else {}
     if owner and before and not is_synthetic and not set(before.values()) & set(file_keys.values()):
         raise StudyError(
-            f"{run_folder} holds results of {owner['data']}; this run is on {data}, none of "
-            f"which is among them. Choose another folder with --runs, or delete {run_folder}."
+            f"{run_folder} holds results of {owner['data']}, but this run uses {data}; they have "
+            f"no case in common. Choose another folder with --runs, or delete {run_folder}."
         )
     gone = tuple(sorted(set(before) - set(file_keys)))
     delete_cases(run_folder, gone)

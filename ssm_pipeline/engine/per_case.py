@@ -1,7 +1,7 @@
-"""Work on one case at a time; what is finished is never done again.
+"""Process one case at a time, and skip the cases that are finished.
 
 A case's results lie in `<stage>/<case>/`. Its `case.json` is written last and holds the key of
-everything the results depend on: present and with the same key, the case is finished.
+everything the results depend on. A case is finished if that file exists and has the same key.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CaseTask:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What came of a case; `dropped` is the reason, or None where all went well."""
+    """The result of a case; `dropped` is the reason why it was dropped, or None."""
 
     case_id: str
     key: str
@@ -56,7 +56,7 @@ _case_result = TypeAdapter(CaseResult)
 
 
 class CaseFailure(RuntimeError):
-    """A case broke the code: an error of ours, not of the case, with the worker's traceback."""
+    """A fault of the program on a case, with the worker's traceback."""
 
     def __init__(self, case_id: str, worker_traceback: str) -> None:
         last_line = worker_traceback.strip().splitlines()[-1]
@@ -77,16 +77,16 @@ def map_cases(
     on_progress: Callable[[int], None] = lambda done: None,
     on_result: Callable[[CaseResult], None] = lambda result: None,
 ) -> list[CaseResult]:
-    """Do the tasks not finished yet; results in the order of the tasks.
+    """Do the tasks that are not finished, and return all results in the order of the tasks.
 
     Args:
-        workers: Do them, in any order: `here`, `Processes` or a cluster's.
-        on_result: Told of every case as it is done; not of those that were finished.
+        workers: Does the tasks in any order: `here`, `Processes` or a cluster.
+        on_result: Called after each case, but not for those that were already finished.
 
     Raises:
-        CaseFailure: For any error but a CaseError, which drops its case, and a StudyError, which is
-            passed on.
-        StudyError: Where the system killed a process.
+        CaseFailure: For any error except CaseError, which drops the case, and StudyError, which is
+            raised as it is.
+        StudyError: If the system killed a process.
     """
     finished = {task.case_id: finished_result(task, stage_folder) for task in tasks}
     results = {case_id: result for case_id, result in finished.items() if result is not None}
@@ -100,13 +100,13 @@ def map_cases(
 
 
 def finished_result(task: CaseTask, stage_folder: Path) -> CaseResult | None:
-    """What an earlier run made of the task; None if nothing, or if its files are not whole."""
+    """Return the result of an earlier run; None if there is none or its files are damaged."""
     path = stage_folder / task.case_id / CASE_FILE
     if not path.exists():
         return None
     try:
         result = _case_result.validate_json(path.read_bytes())
-    except ValidationError:  # cut short, or of another version: done again
+    except ValidationError:  # cut short or of another version: the case is done again
         return None
     if result.key != task.key or storage.not_as_written(path.parent, result.files):
         return None
@@ -114,7 +114,7 @@ def finished_result(task: CaseTask, stage_folder: Path) -> CaseResult | None:
 
 
 def run_case(task: CaseTask, stage_folder: Path, memory_gb: float | None = None) -> CaseResult:
-    """Do one task in a fresh folder of its own, with no more memory than it may have."""
+    """Do one task in an empty folder of its own, within the memory limit."""
     folder = stage_folder / task.case_id
     shutil.rmtree(folder, ignore_errors=True)  # left by a killed run, or by other settings
     folder.mkdir(parents=True)
@@ -130,13 +130,13 @@ def run_case(task: CaseTask, stage_folder: Path, memory_gb: float | None = None)
     except StudyError:  # a full disk, a damaged file of an earlier stage
         raise
     except Exception as error:
-        if is_want_of_memory(error):  # of this machine, not of the case: it is not dropped for it
+        if is_want_of_memory(error):  # the machine is too small; the case is not dropped for that
             raise StudyError(
-                f"case {task.case_id}: {stage_folder.name} found no more memory at "
+                f"case {task.case_id}: {stage_folder.name} ran out of memory at "
                 f"{peak_memory_mb() / 1024:.1f} GB"
                 + (f" (--memory-gb {memory_gb:g})" if memory_gb else "")
-                + ". Let a process have more, run fewer at a time (--jobs), or leave the case out "
-                "(data.exclude); finished cases are kept."
+                + ". Raise the limit, run fewer processes at a time (--jobs), or leave the case "
+                "out (data.exclude); finished cases are kept."
             ) from error
         raise CaseFailure(task.case_id, traceback.format_exc()) from error
     seconds = time.perf_counter() - start
@@ -150,6 +150,6 @@ def run_case(task: CaseTask, stage_folder: Path, memory_gb: float | None = None)
 def here(
     tasks: Sequence[CaseTask], stage_folder: Path, memory_gb: float | None = None
 ) -> Iterator[CaseResult]:
-    """The workers of a run without any: one task after another, in this process."""
+    """Do one task after another in this process."""
     for task in tasks:
         yield run_case(task, stage_folder, memory_gb)

@@ -1,4 +1,4 @@
-"""The process a run lives in: allocator, threads, versions."""
+"""Properties of the process: allocator, threads, package versions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import psutil
 
 from ssm_pipeline.records import StudyError
 
-# glibc's malloc.h. Values read from a header would need a compiler.
+# Constants from glibc's malloc.h, copied because reading the header needs a compiler.
 M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
 MEMORY_PER_JOB_GB = 2.0  # a whole chest CT's mask during meshing
 # OMP: PyTorch, pykdtree; the others: the linear algebra of NumPy and SciPy.
@@ -48,7 +48,7 @@ def available_cores() -> int:
 
 
 def default_jobs() -> int:
-    """A process per core, and no more than the free memory carries."""
+    """Return one process per core, but no more than fit into the free memory."""
     free_gb = psutil.virtual_memory().available / 2**30
     return max(1, min(available_cores(), int(free_gb / MEMORY_PER_JOB_GB)))
 
@@ -57,7 +57,7 @@ def default_jobs() -> int:
 def end_with_parent(parent: int) -> None:
     """End this worker process within a second of its parent's death.
 
-    A killed run's workers would otherwise work on beside the run that takes over, in its folders.
+    Otherwise the workers of a killed run would still write to the folders of the next run.
     """
 
     def watch() -> None:
@@ -71,10 +71,11 @@ def end_with_parent(parent: int) -> None:
 
 @functools.cache
 def may_grow() -> None:
-    """Let this worker process of joblib's hold as much memory as its work needs.
+    """Let this joblib worker process hold as much memory as its work needs.
 
-    joblib ends a worker, with a warning, that holds 300 MB more than after its first case: a leak,
-    it says. Here it is a larger organ, or the libraries of a later stage. joblib has no setting.
+    joblib takes growth of 300 MB after the first case for a leak, and ends the worker with a
+    warning. Here the growth comes from a larger organ or the libraries of a later stage. joblib has
+    no setting for this.
     """
     from joblib.externals.loky import process_executor
 
@@ -87,7 +88,7 @@ def holds_one_thread() -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Of Python, the platform and the packages a result depends on."""
+    """Return the versions of Python, the platform and the packages that results depend on."""
     found = {"python": platform.python_version(), "platform": platform.platform()}
     for package in REPORTED_PACKAGES:
         try:
@@ -98,7 +99,7 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> dict[str, str | int]:
-    """What, beside versions and seed, may change a result's last bits."""
+    """Return properties of the machine that may change the last bits of a result."""
     found: dict[str, str | int] = {"processor": platform.processor() or platform.machine()}
     found["cores"] = available_cores()
     for name in THREAD_COUNTS:
@@ -110,10 +111,10 @@ def machine() -> dict[str, str | int]:
 
 
 def chosen_device(wanted: str | None) -> str:
-    """The device asked for, or cuda where there is one.
+    """Return the requested device; by default cuda if available, else cpu.
 
     Raises:
-        StudyError: If it is not there.
+        StudyError: If the device is not available.
     """
     import torch
 

@@ -1,4 +1,4 @@
-"""What a run said and did, kept in its folder: `run.log` to read, `run.jsonl` for programs."""
+"""The logs in a run's folder: `run.log` for people, `run.jsonl` for programs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TEXT_LOG, EVENT_LOG = "run.log", "run.jsonl"
 
 
 class RunLog:
-    """Appends to the two logs of a run's folder; each line is on its own, whatever ends the run."""
+    """Append to the two logs of a run's folder; each line is written at once."""
 
     def __init__(self, run_folder: Path) -> None:
         self.text, self.events = run_folder / TEXT_LOG, run_folder / EVENT_LOG
@@ -35,11 +35,11 @@ class RunLog:
 
     @contextmanager
     def kept_errors(self) -> Iterator[None]:
-        """The traceback of whatever ends the block is kept, and a fault of ours says where."""
+        """Log the traceback of any error in the block; faults of the program name the log file."""
         try:
             yield
         except BaseException as error:
-            with suppress(OSError):  # a disk too full for a log is what the error itself says
+            with suppress(OSError):  # if the disk is full, the error itself reports that
                 self.event("run stopped", error=f"{type(error).__name__}: {error}")
                 self.say("".join(traceback.format_exception(error)).rstrip())
             if not isinstance(error, CaseError | StudyError | KeyboardInterrupt):
@@ -48,9 +48,9 @@ class RunLog:
 
 
 def read_events(run_folder: Path) -> Iterator[dict[str, Any]]:
-    """The events of a run, the oldest first; a line that a power cut left half is passed over.
+    """Yield the events of a run, the oldest first. Incomplete lines are skipped.
 
-    Each has "event" (str) and "time" (datetime, with its zone).
+    Each event has "event" (str) and "time" (datetime, with its zone).
     """
     path = run_folder / EVENT_LOG
     if not path.is_file():
@@ -67,7 +67,7 @@ def read_events(run_folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _end_last_line(path: Path) -> None:
-    """So that what a power cut left half stays a line of its own."""
+    """End a line that a power cut left incomplete, so that it stays a separate line."""
     if not path.is_file() or not path.stat().st_size:
         return
     with path.open("rb+") as file:

@@ -23,17 +23,17 @@ from ssm_pipeline.engine.withdrawn import without_withdrawn
 from ssm_pipeline.engine.workers import Processes
 from ssm_pipeline.records import Cohort, DamagedFile, Dropped, StudyError
 
-FEWEST_CASES = 4  # one is left out to score the model, and three are needed for the model then
+FEWEST_CASES = 4  # one is left out to score the model, and a model needs three
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be run, as the engine sees it.
+    """A study as the engine sees it.
 
     Attributes:
-        name: Of the study, and of its folder in the runs folder.
+        name: The name of the study and of its folder in the runs folder.
         data: Where its cases come from, in words.
-        is_synthetic: They are no patients.
+        is_synthetic: Whether the cases are phantoms.
         find_cohort: Run folder → the cases; reads no case yet.
         check_cohort: Raises StudyError for settings that don't fit these cases.
     """
@@ -48,11 +48,11 @@ class Job:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run, as opposed to what: nothing here changes what is computed.
+    """How to run a study. No option changes the results.
 
     Attributes:
-        cluster: Does the work on each case; None: `jobs` processes do.
-        memory_gb: That a process may have which works on a case; None: no limit.
+        cluster: Processes the cases; None: `jobs` processes do.
+        memory_gb: Memory limit of each process that works on a case; None: no limit.
     """
 
     runs: Path = Path("runs")
@@ -71,21 +71,21 @@ def run_stages(
 ) -> Path:
     """Bring every stage up to date.
 
-    A file of the run that turns out to be damaged is deleted and made again. What was finished
-    stays, and the next run goes on from there.
+    A damaged file of the run is deleted and made again. After an error, finished results are kept,
+    and the next run continues from there.
 
     Returns:
         The run's folder.
 
     Raises:
-        StudyError: Where the folder is not ours or too few cases are left, CaseFailure where a case
-            breaks the code.
+        StudyError: If the folder belongs to another study, or too few cases are left.
+        CaseFailure: If the program fails on a case.
     """
     process.keep_large_blocks()
     run_folder = options.runs / job.name
-    # Before any work: a file that they name and that can't be read says so now, not hours later.
+    # Read before any work, so that an unreadable file that the settings name is reported now.
     kept_settings = {stage.name: stage.settings(job.settings) for stage in stages}
-    mended: set[Path] = set()
+    repaired: set[Path] = set()
     with alone_in(run_folder):
         if aside := make_room(run_folder, job.name, job.is_synthetic):
             terminal.say(f"the phantom results that were in {run_folder} are now in {aside}")
@@ -94,10 +94,10 @@ def run_stages(
                 _bring_up_to_date(job, stages, kept_settings, run_folder, options, terminal)
                 return run_folder
             except DamagedFile as error:
-                if error.path in mended or not error.path.is_relative_to(run_folder):
+                if error.path in repaired or not error.path.is_relative_to(run_folder):
                     raise
-                mended.add(error.path)
-                terminal.detail(f"{error.path} {error.found}: it is made again")
+                repaired.add(error.path)
+                terminal.detail(f"{error.path} {error.found}; it will be made again")
                 undo(error.path, run_folder)
 
 
@@ -126,7 +126,7 @@ def _bring_up_to_date(
         )
         if gone:
             noun = counted(len(gone), "case is", "cases are")
-            terminal.detail(f"{noun} no longer part of the study: deleted")
+            terminal.detail(f"{noun} no longer part of the study; the results were deleted")
         done: dict[str, StageRecord] = {}
         case_keys: Mapping[str, str] = file_keys
         redone = 0
@@ -140,7 +140,7 @@ def _bring_up_to_date(
                 is_current = not _remove_damaged(record, run_folder / stage.name, terminal)
             if record is None or not is_current:
                 redone += 1
-                for later in stages[number - 1 :]:  # until redone, what they hold is of the past
+                for later in stages[number - 1 :]:  # their results are out of date until redone
                     storage.remove(run_folder / later.name / STAGE_FILE)
                 context = StageContext(
                     name=stage.name,
@@ -173,17 +173,20 @@ def _bring_up_to_date(
 
 
 def _planned(stage: Stage[Any], kept: Any, options: RunOptions) -> dict[str, Any]:
-    """What `workflow status` asks of a stage: `like` is equal where equal cases take equal time."""
+    """Return what `workflow status` needs of a stage.
+
+    `like` is equal for stages whose run times can be compared.
+    """
     on = (options.device, options.jobs, options.cluster is not None)
     like = key_of(stage.name, stage.version, kept, on)
     return {"stage": stage.name, "like": like, "per_case": stage.per_case}
 
 
 def _remove_damaged(record: StageRecord, folder: Path, terminal: Terminal) -> bool:
-    """Delete what is not as the stage left it, by its size. True if there was any."""
+    """Delete files whose size has changed since the stage wrote them. True if there were any."""
     damaged = damaged_files(folder, record.files)
     for error in damaged:
-        terminal.detail(f"{error.path} {error.found}: it is made again")
+        terminal.detail(f"{error.path} {error.found}; it will be made again")
         undo(error.path, folder.parent)
     return bool(damaged)
 
@@ -244,18 +247,18 @@ def _refuse_too_few(stage: str, outcome: Outcome, done: Mapping[str, StageRecord
 
 
 def _refuse_hopeless(file_keys: Mapping[str, str], dropped: Sequence[Dropped]) -> None:
-    """What needs no work to be known."""
+    """Raise StudyError for cohorts that can't give a model, before any work."""
     if len(file_keys) < FEWEST_CASES:
         reasons = "".join(f"\n  {case.case_id}: {case.reason}" for case in dropped)
         raise StudyError(
             f"{counted(len(file_keys), 'case was', 'cases were')} found; a shape model needs at "
-            f"least {FEWEST_CASES}: one "
+            f"least {FEWEST_CASES}, because one "
             f"is left out at a time to score it. Add cases.{reasons}"
         )
     if len(set(file_keys.values())) == 1:
         raise StudyError(
-            f"all {len(file_keys)} cases are copies of one file, and there is nothing in which "
-            "they vary. Check the folder and the pattern."
+            f"all {len(file_keys)} cases are copies of one file, so there is no variation to "
+            "model. Check data.folder and data.pattern."
         )
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # an extra
 
 
 class SlurmSettings(Settings):
-    """What `--cluster slurm.yaml` holds."""
+    """The settings in the file of `--cluster slurm.yaml`."""
 
     workers: int = Field(ge=1)  # cases at a time
     workers_per_job: int = Field(1, ge=1)  # cores of a job
@@ -34,20 +34,20 @@ class SlurmSettings(Settings):
 
 @contextmanager
 def on_slurm(settings: SlurmSettings) -> Iterator[Client]:
-    """A client of a scheduler of its own, here, whose workers Slurm starts and ends with the block.
+    """Yield a client of a scheduler on this machine whose workers are Slurm jobs.
 
-    A job that ends is submitted again.
+    The jobs end with the block. A job that ends earlier is submitted again.
 
     Raises:
-        StudyError: Where there is no Slurm or it refuses a job.
+        StudyError: If there is no Slurm, or it rejects a job.
     """
     distributed = dask()
     from dask_jobqueue.slurm import SLURMCluster
 
     if shutil.which("sbatch") is None:
         raise StudyError(
-            "--cluster: there is no command sbatch here. Start the run where Slurm's jobs are "
-            "submitted, or give the address of a Dask scheduler."
+            "--cluster: the command sbatch was not found. Start the run on a machine that can "
+            "submit Slurm jobs, or give the address of a Dask scheduler."
         )
     cluster = SLURMCluster(
         cores=settings.workers_per_job,
@@ -68,9 +68,9 @@ def on_slurm(settings: SlurmSettings) -> Iterator[Client]:
 
 
 def _refuse_rejected(script: str) -> None:
-    """Raise StudyError for a job that Slurm would not take: Dask would try for ever."""
+    """Raise StudyError for a job that Slurm rejects: Dask would retry without end."""
     done = subprocess.run(
         ["sbatch", "--test-only"], input=script, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
-        raise StudyError(f"--cluster: Slurm does not take the job: {done.stderr.strip()}")
+        raise StudyError(f"--cluster: Slurm rejects the job: {done.stderr.strip()}")

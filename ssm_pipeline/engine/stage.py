@@ -1,4 +1,4 @@
-"""What a stage is, what it is given, and the `stage.json` it leaves."""
+"""A stage, its inputs, its outcome, and the `stage.json` that records it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ssm_pipeline.records import Cohort, Dropped
 
 
 class JobSettings(Protocol):
-    """What the engine asks of a study's settings; the stages know the rest."""
+    """The part of a study's settings that the engine uses."""
 
     @property
     def seed(self) -> int: ...
@@ -33,7 +33,7 @@ S = TypeVar("S", bound=JobSettings)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a stage hands on: the cases still in, each with the key of its results."""
+    """The result of a stage: the cases it kept, each with the key of its results."""
 
     case_keys: Mapping[str, str]
     dropped: tuple[Dropped, ...] = ()
@@ -47,9 +47,9 @@ class Stage(Generic[S]):
 
     Attributes:
         settings: The part of the settings that its result depends on.
-        needs: The stages whose results it reads; none: the masks themselves.
-        version: To be raised when the code changes what the stage makes of the same input.
-        per_case: Its time grows with the cases; False: it does not, as that of training.
+        needs: The stages whose results it reads; empty if it reads the masks.
+        version: Raise it when the stage's results change for the same input.
+        per_case: Whether its time grows with the number of cases; that of training does not.
     """
 
     name: str
@@ -86,7 +86,7 @@ class StageRecord:
 
     @staticmethod
     def read(folder: Path) -> StageRecord | None:
-        """None where there is none, or none that can be read: the stage is not finished."""
+        """Read a stage's record; None if the stage is not finished or the record is unreadable."""
         path = folder / STAGE_FILE
         try:
             return _stage_record.validate_json(path.read_bytes())
@@ -99,11 +99,11 @@ _stage_record = TypeAdapter(StageRecord)
 
 @dataclass(frozen=True)
 class StageContext(Generic[S]):
-    """What a stage's work is given.
+    """The inputs of a stage's work.
 
     Attributes:
-        workers: Do the work on each case.
-        jobs: Processes for work on all cases at once.
+        workers: Processes the cases.
+        jobs: Number of processes for work on all cases together.
     """
 
     name: str
@@ -126,27 +126,27 @@ class StageContext(Generic[S]):
 
     @property
     def readable(self) -> frozenset[str]:
-        """The stages whose files this one may read: the key depends on these alone."""
+        """The stages whose files this one may read; the key depends only on these."""
         return frozenset((*self.needs, self.name))
 
     def folder(self) -> Path:
         return self.run_folder / self.name
 
     def case_key(self, case_id: str, *parts: Any) -> str:
-        """Key of this stage's results for a case: its results so far, and `parts`."""
+        """Return the key of this stage's results for a case: the case's key and `parts`."""
         return key_of(self.name, self.case_keys[case_id], *parts)
 
     def key_of(self, *parts: Any) -> str:
-        """Key of a result that rests on all cases as they are, and on `parts`."""
+        """Return the key of a result that depends on all cases and on `parts`."""
         return key_of(self.name, dict(self.case_keys), *parts)
 
     def map_cases(
         self, tasks: Sequence[CaseTask], folder: Path | None = None, in_this_process: bool = False
     ) -> list[CaseResult]:
-        """Do what is not finished of the tasks, in this stage's folder or in one inside it.
+        """Do the tasks that are not finished, in this stage's folder or in one inside it.
 
         Args:
-            in_this_process: Work on all cases at once, which has processes of its own.
+            in_this_process: For work on all cases together, which starts its own processes.
         """
         place = folder or self.folder()
         workers = here if in_this_process else self.workers

@@ -1,4 +1,4 @@
-"""What a run says: a line per stage, progress on long work, dropped cases, where to look."""
+"""The messages of a run: a line per stage, progress of long work, dropped cases, the report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LOG_INTERVAL_S = 5.0  # for `workflow status`
 
 
 class Steps:
-    """Counts finished steps of one piece of work, on a bar or as lines in a log."""
+    """Count the finished steps of one piece of work, on a bar or as lines in a log."""
 
     def __init__(
         self,
@@ -56,9 +56,9 @@ class Steps:
 
 
 class Terminal:
-    """Plain lines where there is no terminal; bars, which vanish when done, where there is.
+    """Print progress bars on a terminal, and plain lines elsewhere.
 
-    Inside `logged_to` all that is said is also kept in a run's folder.
+    Inside `logged_to` all messages are also written to the run's log.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -71,11 +71,11 @@ class Terminal:
             self._log.say(line)
 
     def detail(self, line: str) -> None:
-        """A line below that of its stage."""
+        """Print a line below that of its stage."""
         self.say(INDENT + line)
 
     def log(self, kind: str, **what: Any) -> None:
-        """An event for the run's log; nothing is shown."""
+        """Write an event to the run's log; nothing is printed."""
         if self._log is not None:
             self._log.event(kind, **what)
 
@@ -109,7 +109,7 @@ class Terminal:
         self._details([f"dropped {case.case_id}: {case.reason}" for case in dropped])
 
     def left_out(self, dropped: Sequence[Dropped]) -> None:
-        """Repeat at the end of a run which cases the model does not hold."""
+        """List, at the end of a run, the cases that were left out of the model."""
         self.say(f"{counted(len(dropped), 'case was', 'cases were')} left out:")
         self._details([f"{case.case_id} ({case.stage}): {case.reason}" for case in dropped])
 

@@ -1,4 +1,4 @@
-"""Cases withdrawn from a run for good: known by the hash of their files, not by their names."""
+"""Cases that were withdrawn from a run, identified by the hashes of their files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ WITHDRAWN_FILE = "withdrawn.json"
 
 
 def withdrawn_keys(run_folder: Path) -> list[str]:
-    """Raises StudyError for a damaged file: without it, whoever withdrew would be taken back."""
+    """Return the hashes of withdrawn cases.
+
+    Raises:
+        StudyError: If the file is damaged: without it, withdrawn cases would be used again.
+    """
     path = run_folder / WITHDRAWN_FILE
     if not path.is_file():
         return []
@@ -27,14 +31,14 @@ def withdrawn_keys(run_folder: Path) -> list[str]:
     except DamagedFile as error:
         what = error.found
     raise StudyError(
-        f"{path} {what}. It says which cases were withdrawn from this run, so nothing is run "
-        "without it. Copy it from a backup; or take those cases out of the data's folder, then "
-        "delete it."
+        f"{path} {what}. It lists the cases that were withdrawn from this run, so the run can't "
+        "start without it. Restore it from a backup, or remove those cases from the data folder "
+        "and delete the file."
     )
 
 
 def withdraw(run_folder: Path, file_key: str) -> None:
-    """From now on, a case with these files is left out of this run."""
+    """Leave a case with these files out of all later runs in this folder."""
     keys = sorted({*withdrawn_keys(run_folder), file_key})
     storage.write_json(run_folder / WITHDRAWN_FILE, keys)
 
@@ -42,7 +46,7 @@ def withdraw(run_folder: Path, file_key: str) -> None:
 def without_withdrawn(
     cohort: Cohort, run_folder: Path, terminal: Terminal
 ) -> tuple[Cohort, dict[str, str]]:
-    """The cohort without those withdrawn, and the key of each case's files."""
+    """Return the cohort without withdrawn cases, and the key of each case's files."""
     keys = {case.case_id: key_of_files(case.files) for case in cohort.cases}
     withdrawn = set(withdrawn_keys(run_folder)) & set(keys.values())
     if withdrawn:

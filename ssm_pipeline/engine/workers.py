@@ -1,4 +1,4 @@
-"""Processes on this machine that work on a case each."""
+"""Processes on this machine that each work on one case."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ssm_pipeline.records import StudyError
 
 @dataclass(frozen=True)
 class Processes:
-    """So many at a time, each with one thread and no more memory than it may have."""
+    """`jobs` processes at a time, each with one thread and a memory limit."""
 
     jobs: int
     memory_gb: float | None = None
@@ -38,8 +38,9 @@ class Processes:
             yield from in_processes(started, jobs, ordered=False)
         except TerminatedWorkerError as error:
             raise StudyError(
-                f"a process was killed while {jobs} cases were worked on at a time, most often "
-                "for want of memory. Run again with fewer (--jobs); finished cases are kept."
+                f"the system killed a process while {jobs} processes were running, probably "
+                "because memory ran out. Run again with fewer processes (--jobs); finished cases "
+                "are kept."
             ) from error
 
 

@@ -1,1 +1,1 @@
-"""What a study is: its settings, the YAML they are read from, the cohort they name."""
+"""Studies: their settings, the YAML that holds the settings, and the cases they name."""

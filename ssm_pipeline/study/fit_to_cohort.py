@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ssm_pipeline.cohort_check.copies import exclude_line
+from ssm_pipeline.counting import counted
 from ssm_pipeline.engine.keys import key_of_files
 from ssm_pipeline.records import CaseSource, Cohort, StudyError
 from ssm_pipeline.study.settings import StudySettings
@@ -33,8 +34,9 @@ def refuse_what_cannot_fit(settings: StudySettings, cohort: Cohort) -> None:
     folds, count = settings.evaluation.folds, len(case_ids)
     if folds and (folds > count or folds == 1 or count - math.ceil(count / folds) < FEWEST_KEPT):
         raise StudyError(
-            f"evaluation.folds is {folds}, of {count} cases; from 2 to {count} folds are possible, "
-            f"and each must leave {FEWEST_KEPT} cases. Ask for other folds, or 0: one case a time."
+            f"evaluation.folds is {folds}, but the study has {counted(count, 'case')}. From 2 to "
+            f"{count} folds are possible, and each must leave {FEWEST_KEPT} cases. Set another "
+            "number, or 0 to leave out one case at a time."
         )
 
 
@@ -62,6 +64,7 @@ def refuse_copies(cohort: Cohort) -> None:
     if copies and len(copies) < len(cohort.cases) - 1:  # the engine refuses copies of one file
         lines = "".join(f"\n    {exclude_line(*pair)}" for pair in sorted(copies.items()))
         raise StudyError(
-            f"{len(copies)} of {len(cohort.cases)} cases are copies of another case's file, and a "
-            f"model would count them twice. Put into the study:\ndata:\n  exclude:{lines}"
+            f"of {len(cohort.cases)} cases, {counted(len(copies), 'is a copy', 'are copies')} of "
+            "another case's file, and a model would count such cases twice. Add to the study:\n"
+            f"data:\n  exclude:{lines}"
         )

@@ -1,4 +1,4 @@
-"""A file of a patient who is not in the study, read as the study reads its own cases."""
+"""Read the file of a new patient in the same way as the study's own cases."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from ssm_pipeline.study.sources import (
 
 @dataclass(frozen=True)
 class HowToRead:
-    """What is other about a patient's file than about the study's own.
+    """How a patient's file differs from the study's own files.
 
     Attributes:
-        labels: Of the organ: another program's numbers, or the other side.
-        segments: Its names, in a .seg.nrrd or DICOM SEG.
-        unit: Of the file's lengths.
-        mirror: Reflected left to right, as a study with data.mirror does with one of the sides.
+        labels: The organ's labels, if another program or the other side has other numbers.
+        segments: The organ's names in a .seg.nrrd or DICOM SEG.
+        unit: The unit of the file's lengths.
+        mirror: Whether to reflect it left to right, as data.mirror does with one of the sides.
     """
 
     labels: tuple[int, ...] = ()
@@ -51,7 +51,7 @@ def read_patient(
 
     Raises:
         CaseError: For a file that can't be read or lacks the organ.
-        StudyError: Where the study does not say which labels a mask should have.
+        StudyError: If the study does not state which labels a mask has.
     """
     if case_id is None:
         is_surface = path.suffix.lower() in SURFACE_SUFFIXES
@@ -71,7 +71,7 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
     """The labels that a study's cases have in their masks.
 
     Raises:
-        StudyError: Where it has none, or two organs in one mask.
+        StudyError: If the study has no labels, or two organs in one mask.
     """
     if isinstance(data, Luna16Data) and data.side != "both":
         from ssm_pipeline.data_prep.cohorts import luna16
@@ -80,8 +80,8 @@ def labels_of(data: DataSettings) -> tuple[int, ...]:
     if isinstance(data, MaskFolderData):
         return data.labels
     raise StudyError(
-        f"the study is on {data.in_words}, which does not say which label of a mask is the organ. "
-        "Pass --label, as --label 3."
+        f"the study uses {data.in_words}, so it does not state which label of a mask is the organ. "
+        "Pass --label, as in --label 3."
     )
 
 
@@ -102,7 +102,8 @@ def _read(path: Path, data: DataSettings, how: HowToRead, case_id: str) -> Mask 
         return read_segments(path, segments, case_id, threshold=threshold, unit=unit)
     if how.segments:
         raise CaseError(
-            case_id, "its segments have no names; a .seg.nrrd or DICOM SEG does. Pass --label."
+            case_id,
+            "this file has no named segments; only .seg.nrrd and DICOM SEG have. Pass --label.",
         )
     if image_suffix(path) is None:
         if path.is_file() and is_segmentation(path):
@@ -114,8 +115,8 @@ def _read(path: Path, data: DataSettings, how: HowToRead, case_id: str) -> Mask 
         )
     if own and threshold is None:
         raise StudyError(
-            f"the study is on the segments {', '.join(own)}, and {path.name} names none: which of "
-            "its labels is the organ? Pass --label, as --label 3."
+            f"the study uses the segments {', '.join(own)}, but {path.name} has no named segments. "
+            "Pass --label with the organ's label, as in --label 3."
         )
     from ssm_pipeline.data_prep.formats.images import read_organ
 

@@ -1,4 +1,4 @@
-"""All settings of a study: one section a stage, each written by the room it belongs to."""
+"""All settings of a study: one section per stage, each defined in the stage's own package."""
 
 from __future__ import annotations
 
@@ -46,15 +46,18 @@ class ComparisonSettings(Settings):
 
 
 class StudySettings(Settings):
-    """What is computed. How (device, processes, folder) is the command line's."""
+    """The settings that decide the results.
+
+    The command line sets the device, the processes and the folder.
+    """
 
     description: str = ""  # a line for `workflow list`
     seed: int = Field(0, ge=0, lt=2**32)  # of every random draw
     data: DataSettings
     meshing: MeshingSettings = MeshingSettings()
     spectral: SpectralSettings = SpectralSettings()
-    # network: train one and start adaptation from its poses. none: start from rigid alignment, no
-    # training; enough where organs lie alike and differ little.
+    # network: train a network and start adaptation from its poses. none: start from rigid
+    # alignment, without training; enough for organs of similar position and shape.
     matching: Literal["network", "none"] = "network"
     training: TrainingSettings = TrainingSettings()
     adaptation: AdaptationSettings = AdaptationSettings()
@@ -76,8 +79,8 @@ class StudySettings(Settings):
     def _folds_to_retrain(self) -> StudySettings:
         if self.comparison.retrain and self.matching == "none":
             raise ValueError(
-                "comparison.retrain trains a matcher without each fold, and matching is none: "
-                "there is nothing to train. Leave one of them out"
+                "comparison.retrain trains a matcher without each fold, but matching is none, so "
+                "there is nothing to train. Remove one of the two settings"
             )
         if self.comparison.retrain and self.evaluation.folds < 2:
             raise ValueError(
@@ -94,8 +97,8 @@ class StudySettings(Settings):
         if self.spectral.eigenpairs > most:
             raise ValueError(
                 f"spectral.eigenpairs is {self.spectral.eigenpairs}; surfaces of {faces} triangles "
-                f"(the smaller of meshing.faces and training.faces) carry {most}. Ask for fewer "
-                "eigenpairs, or for more faces"
+                f"(the smaller of meshing.faces and training.faces) allow at most {most}. Set "
+                "fewer eigenpairs, or more faces"
             )
         return self
 
@@ -104,9 +107,9 @@ class StudySettings(Settings):
         starts = self.matching == "network" and self.training.start == "built-in"
         if starts and self.spectral.eigenpairs != BUILT_IN_EIGENPAIRS:
             raise ValueError(
-                f"training.start is built-in, weights that read {BUILT_IN_EIGENPAIRS} eigenpairs; "
+                f"the built-in weights (training.start) need {BUILT_IN_EIGENPAIRS} eigenpairs, but "
                 f"spectral.eigenpairs is {self.spectral.eigenpairs}. Set it to "
-                f"{BUILT_IN_EIGENPAIRS}, or training.start to none"
+                f"{BUILT_IN_EIGENPAIRS}, or set training.start to none"
             )
         return self
 

@@ -1,7 +1,7 @@
-"""YAML as settings need it: what is not plainly a number stays text, and no key is given twice.
+"""Read YAML for settings: case ids stay text, and a key that is given twice is an error.
 
 YAML 1.1, which PyYAML reads, takes `007` for 7, `1:30` for 90, `NO` for false and `2020-01-01` for
-a date. All of these are case ids somewhere. (`1e-3` stays text too; a number's setting reads it.)
+a date. All of these occur as case ids. (`1e-3` stays text too; number settings parse it.)
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-DEEPEST = 50  # sections within sections; a hundred thousand brackets would end the process
+DEEPEST = 50  # nested sections; without a limit, 100 000 brackets crash the process
 
 
 class SettingsLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
@@ -44,7 +44,7 @@ class SettingsLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no ty
         return result
 
 
-# Each a part of what YAML 1.1 takes for such a scalar, so that what is dumped is read back.
+# Each is a subset of YAML 1.1's patterns, so that dumped settings can be read back.
 SettingsLoader.yaml_implicit_resolvers = {}
 for tag, pattern, first in (
     ("null", r"~|null|Null|NULL|", [*"~nN", ""]),

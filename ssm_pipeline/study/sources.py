@@ -1,4 +1,4 @@
-"""Where a study's cases come from: one class per source, and, at the end, the list of them.
+"""The sources of a study's cases: one class per source, and a list of them at the end.
 
 A new source is a module in `data_prep` that finds its cases, a class here, and a line in the list.
 """
@@ -23,7 +23,7 @@ Unit = Literal["um", "mm", "cm", "m"]
 
 
 class FolderData(Settings):
-    """What all folders of cases have in common."""
+    """The settings that all folders of cases share."""
 
     folder: Path | None = None  # --data sets it
     cases: tuple[str, ...] | None = None  # case ids; None: all
@@ -42,21 +42,21 @@ class FolderData(Settings):
 
     @property
     def has_parts(self) -> bool:
-        """Whether the organ is made of several labels, whose borders are known."""
+        """Whether the organ consists of several labels, whose borders are known."""
         return False
 
     def find(self, run_folder: Path) -> Cohort:
-        """The cases; nothing is read before one is loaded. Raises StudyError."""
+        """Find the cases. A case is read only when it is loaded. Raises StudyError."""
         raise NotImplementedError
 
     def case_settings(self) -> dict[str, Any]:
-        """What changes a case itself, and not which cases there are."""
+        """Return the settings that change a case itself, not those that select cases."""
         which = {"folder", "cases", "limit", "exclude", "patients", "pattern", "organ", "subset"}
         return self.model_dump(mode="json", exclude=which)
 
     def _given_folder(self) -> Path:
         if self.folder is None:
-            raise StudyError(f"no {self.noun} given. Pass --data FOLDER, or set data.folder.")
+            raise StudyError(f"the study needs {self.noun}. Pass --data FOLDER or set data.folder.")
         return self.folder
 
     def _choice(self) -> Choice:
@@ -78,7 +78,10 @@ class Luna16Data(FolderData):
     @model_validator(mode="after")
     def _two_sides_to_mirror(self) -> Luna16Data:
         if self.mirror and self.side != "both":
-            raise ValueError(f"mirror is {self.mirror} and side {self.side}; set side to both")
+            raise ValueError(
+                f"mirror is {self.mirror}, but side is {self.side}. Set side to both, or mirror to "
+                "null"
+            )
         return self
 
     def find(self, run_folder: Path) -> Cohort:
@@ -96,7 +99,7 @@ class MaskFolderData(FolderData):
     source: Literal["masks"] = "masks"
     labels: tuple[int, ...] = Field((1,), min_length=1)  # parts, united to one organ
     segments: tuple[str, ...] = ()  # names, united, in place of labels: .seg.nrrd and DICOM SEG
-    threshold: float | None = None  # in place of labels, of probability maps: organ is above it
+    threshold: float | None = None  # for probability maps, in place of labels: organ is above it
     pattern: str | None = None  # glob below the folder, such as */liver.nii.gz; None: its files
     unit: Unit | None = None  # of the files' lengths; None: as stated, else mm if the size fits
     organ: str = "organ"  # its name in messages
@@ -106,7 +109,7 @@ class MaskFolderData(FolderData):
     @classmethod
     def _no_background(cls, labels: tuple[int, ...]) -> tuple[int, ...]:
         if 0 in labels:
-            raise ValueError("label 0 is the background, and no organ; name the organ's own label")
+            raise ValueError("label 0 is the background. Give the organ's label")
         return labels
 
     @property
@@ -172,7 +175,7 @@ class PhantomData(PhantomSettings):
         return make_cohort(run_folder / "data" / "phantoms", self)
 
     def case_settings(self) -> dict[str, Any]:
-        return {}  # the files say it all
+        return {}  # the key of the files is enough
 
 
 DataSettings = Annotated[

@@ -1,4 +1,4 @@
-"""Find and read a study: a YAML file, `--set` and `--data` over it, checked key by key."""
+"""Find and read a study: a YAML file and the options `--set` and `--data`, checked key by key."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WITHOUT_DATA = "without_data"  # section of overrides for a run that is given no
 
 @dataclass(frozen=True)
 class Study:
-    """A study as it will run. `is_stand_in`: phantoms take the place of the masks not given."""
+    """A study as it will run. `is_stand_in`: phantoms replace masks that were not given."""
 
     name: str
     path: Path
@@ -27,16 +27,16 @@ class Study:
     is_stand_in: bool = False
 
     def announce(self, terminal: Terminal) -> None:
-        """Say so where phantoms stand in: they are never to be taken for patients."""
+        """Print a warning if phantoms replace patients, so that nobody mistakes them."""
         if self.is_stand_in:
             terminal.say(
-                f"{self.name}: no masks given (--data FOLDER). SYNTHETIC PHANTOMS stand in for "
-                "them: made-up organs, not patients, and fewer of them than a study needs."
+                f"{self.name}: no masks were given (--data FOLDER), so the run uses SYNTHETIC "
+                "PHANTOMS: made-up organs, not patients, and fewer than a study needs."
             )
 
 
 def study_folders() -> list[Path]:
-    """Where a study's name is looked for, nearest first: here, ./workflows, the built-in ones."""
+    """Folders in which a study's name is searched, in this order: here, ./workflows, built-in."""
     package = Path(str(files("ssm_pipeline")))
     built_in = [package / "workflows", package.parent / "workflows"]  # a wheel; a checkout
     return [Path(), Path("workflows"), *[folder for folder in built_in if folder.is_dir()]]
@@ -55,11 +55,11 @@ def find_study(name: str) -> Path:
     """The YAML of a study's name, or the path itself.
 
     Raises:
-        StudyError: Naming the nearest.
+        StudyError: If there is no such study; the message names the nearest.
     """
     if name.endswith((".yaml", ".yml")):
         if not Path(name).is_file():
-            raise StudyError(f"there is no file {name}. Give a study's name or its YAML.")
+            raise StudyError(f"there is no file {name}. Give the name or the YAML file of a study.")
         return Path(name)
     for folder in study_folders():
         if (folder / f"{name}.yaml").is_file():
@@ -80,7 +80,9 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
     content = read_yaml(path)
     stand_in = content.pop(WITHOUT_DATA, None)
     if stand_in is not None and not isinstance(stand_in, Mapping):
-        raise StudyError(f"{path}: {WITHOUT_DATA} is no section of settings.")
+        raise StudyError(
+            f"{path}: {WITHOUT_DATA} must be a section of settings. Indent its settings below it."
+        )
     over = [{"data": {"folder": str(data)}}] if data is not None else []
     over += parse_changes(changes)
     changed = functools.reduce(merge, over, content)
@@ -97,13 +99,13 @@ def read_study(name: str, data: Path | None = None, changes: Sequence[str] = ())
             raise StudyError(
                 f"study {path.stem} needs {noun}. Pass --data FOLDER, or set data.folder in {path}."
             )
-        # Changes come last again: what the user asks for counts over the file.
+        # The changes are applied again last, because the command line overrides the file.
         changed = functools.reduce(merge, [stand_in, *over], content)
     return Study(path.stem, path, checked(changed, path), is_stand_in)
 
 
 def read_run_settings(run_folder: Path, changes: Sequence[str] = ()) -> StudySettings:
-    """The settings a run was made with, with `--set` changes over them. Raises StudyError."""
+    """Return a run's settings with `--set` changes applied. Raises StudyError."""
     path = run_folder / "study.yaml"
     if not path.is_file():
         raise StudyError(f"{run_folder} holds no run; give a folder such as runs/luna16.")

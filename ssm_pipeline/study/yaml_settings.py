@@ -1,4 +1,4 @@
-"""Settings from YAML: read, laid over each other, checked key by key."""
+"""Read settings from YAML, merge them, and check them key by key."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """A file's settings.
 
     Raises:
-        StudyError: For one that is no YAML or gives a key twice.
+        StudyError: If the file is not YAML, or gives a key twice.
     """
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=SettingsLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise StudyError(f"{path} is not readable as YAML: {error}") from error
+        raise StudyError(f"{path} can't be read as YAML: {error}") from error
     if not isinstance(content, dict):
         raise StudyError(f"{path} holds no settings; `workflow init` writes a file to start from.")
     return content
@@ -43,11 +43,13 @@ def parse_change(change: str) -> dict[str, Any]:
     _, equals, text = change.partition("=")
     names = changed_key(change).split(".")
     if not equals or not all(names):
-        raise StudyError(f"--set {change}: section.name=value is needed, as training.steps=2000.")
+        raise StudyError(
+            f"--set {change}: write it as section.name=value, such as training.steps=2000."
+        )
     try:
         value = yaml.load(text, Loader=SettingsLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise StudyError(f"--set {change}: the value is not readable as YAML: {error}") from error
+        raise StudyError(f"--set {change}: the value can't be read as YAML: {error}") from error
     for name in reversed(names):
         value = {name: value}
     result: dict[str, Any] = value
@@ -55,10 +57,10 @@ def parse_change(change: str) -> dict[str, Any]:
 
 
 def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:
-    """Each of them by `parse_change`.
+    """Parse each change with `parse_change`.
 
     Raises:
-        StudyError: Where two change the same setting.
+        StudyError: If two change the same setting.
     """
     keys = [changed_key(change) for change in changes]
     if twice := next((key for key in keys if keys.count(key) > 1), None):
@@ -67,7 +69,7 @@ def parse_changes(changes: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`over` laid over `base`, section by section. A new `source` starts its section afresh."""
+    """Merge `over` into `base`, section by section. A new `source` replaces its section."""
     merged = dict(base)
     for name, value in over.items():
         old = merged.get(name)
@@ -83,7 +85,7 @@ def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind
     """Settings of a class from a file's content.
 
     Raises:
-        StudyError: A line a problem.
+        StudyError: With one line per problem.
     """
     try:
         return kind.model_validate(content)
@@ -100,7 +102,7 @@ def checked_as(kind: type[Kind], content: Mapping[str, Any], path: Path) -> Kind
             if problem["type"] == "extra_forbidden":
                 near = nearest(where[-1], known.get(section, ()))
                 lines.append(f"there is no setting {'.'.join(where)}.{near}")
-            elif problem["type"] == "value_error":  # of ours: says itself what was found
+            elif problem["type"] == "value_error":  # raised by our validators, with what was found
                 place = f"{'.'.join(where)}: " if where else ""
                 lines.append(f"{place}{problem['ctx']['error']}")
             else:

@@ -124,7 +124,7 @@ def test_ids_and_pseudonyms_never_share_a_folder(workflow: Workflow, run_copy: P
     assert "hidden holds pseudonyms" in mixed.stderr
     key_inside = workflow("export", "luna16", "--to", "runs", "--pseudonymise")
     assert key_inside.code == 1
-    assert "would hold the key" in key_inside.stderr
+    assert "would contain the key" in key_inside.stderr
 
 
 def test_pseudonyms_stay_when_the_study_grows(tmp_path: Path) -> None:

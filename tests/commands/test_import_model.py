@@ -44,5 +44,5 @@ def test_a_model_in_micrometres_is_refused_unless_its_unit_is_given(tmp_path: Pa
 
 def test_a_mean_without_extent_is_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.npz", 0.0)
-    with pytest.raises(StudyError, match="all points of the mean are one point"):
+    with pytest.raises(StudyError, match="all points of the mean shape coincide"):
         import_model(tmp_path / "a.npz", None, tmp_path / "runs", (1,), "m")

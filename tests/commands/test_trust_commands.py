@@ -42,7 +42,7 @@ def test_verify_finds_a_changed_byte_and_the_next_run_mends_it(
     mesh.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
     found = workflow("verify", str(copy))
     assert found.code == 1
-    assert "ball_0/mesh.npz no longer holds what was written" in found.stdout
+    assert "ball_0/mesh.npz has changed since it was written" in found.stdout
     assert mesh.exists()
     assert workflow("verify", str(copy), "--remove").code == 1
     assert not mesh.exists()
@@ -80,7 +80,7 @@ def test_status_of_work_in_hand_gives_its_pace(workflow: Workflow, tmp_path: Pat
     assert work.seconds_left == pytest.approx(30)  # 4 took 20 s, 6 are left
     stopped = workflow("status", str(folder)).stdout
     assert "stopped: meshing 4 of 10, 1 dropped, about 30 s to go" in stopped
-    assert "in all: not known; the log does not name what comes after meshing" in stopped
+    assert "in all: unknown; the log does not list the stages after meshing" in stopped
     with alone_in(folder):
         assert "now: meshing 4 of 10" in workflow("status", str(folder)).stdout
     with_log(folder, [*events, event(30, "stage finished", stage="meshing")])
@@ -139,14 +139,14 @@ def test_status_foresees_the_stages_to_come_by_what_they_took_before(
     same = workflow("status", str(with_log(runs / "a", [planned(0, steps=500), *meshing]))).stdout
     # 30 cases are three times as many: 60 s of meshing, 15 s of report; training stays 100 s.
     assert "stopped: meshing 15 of 30, about 30 s to go" in same
-    assert "then: training 1 min 40 s, report 15 s, by what they took before" in same
+    assert "then: training 1 min 40 s, report 15 s, estimated from earlier runs" in same
     assert same.splitlines()[-1] == "in all: about 2 min 25 s to go"
     other = workflow("status", str(with_log(runs / "b", [planned(0, steps=900), *meshing]))).stdout
     assert other.splitlines()[-3:] == [
-        "then: report 15 s, by what they took before",
+        "then: report 15 s, estimated from earlier runs",
         "in all: at least 45 s to go",
-        "not known: how long training will take; by these settings, no run beside this one came "
-        "through them",
+        "unknown: the time of training; no run in this folder has finished this with these "
+        "settings",
     ]
 
 

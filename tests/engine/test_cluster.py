@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -99,7 +98,7 @@ def test_what_a_killed_run_left_at_work_is_waited_for(dask: DaskBench, tmp_path:
         work = partial(hold, tmp_path / "begun again", tmp_path / "ended again", 0.0)
         map_cases([CaseTask("a", "new", work)], folder, DaskCluster(client, say=said.append))
     assert ended.exists()
-    assert said == ["waiting for 1 case that an earlier run left at work"]
+    assert said == ["waiting for 1 case that an earlier run still processes"]
     assert '"new"' in (folder / "a" / "case.json").read_text()
 
 
@@ -110,7 +109,7 @@ def test_a_scheduler_that_is_gone_ends_the_run_with_what_to_do(tmp_path: Path) -
         begun = tmp_path / "begun"
         work = partial(hold, begun, tmp_path / "ended", 60.0)
         with dask.killed_when(dask.scheduler, begun.exists):
-            with pytest.raises(StudyError, match="the scheduler is gone"):
+            with pytest.raises(StudyError, match="the scheduler has stopped or cancelled the work"):
                 map_cases([CaseTask("a", "key", work)], tmp_path / "stage", DaskCluster(client))
 
 
@@ -123,10 +122,10 @@ def test_no_scheduler_no_worker_no_extra(
     assert said.code == 1
     assert "tcp://127.0.0.1:1: no Dask scheduler answers there" in said.stderr
     with DaskBench(tmp_path, workers=0) as dask:
-        with pytest.raises(StudyError, match=r"has no worker\. Start some with: dask worker tcp"):
+        with pytest.raises(StudyError, match=r"has no workers\. Start some with: dask worker tcp"):
             connected(dask.address).__enter__()
     said = workflow("run", "phantoms", "--cluster", "nowhere")
-    assert "nowhere: give a Dask scheduler's address" in said.stderr
+    assert "nowhere: give the address of a Dask scheduler" in said.stderr
     monkeypatch.setitem(sys.modules, "distributed", None)
     said = workflow("run", "phantoms", "--cluster", "tcp://127.0.0.1:1")
     assert "pip install 'ssm-pipeline[cluster]'" in said.stderr
@@ -137,7 +136,7 @@ def test_a_worker_with_two_threads_is_refused(tmp_path: Path, bench: Bench) -> N
     with DaskBench(tmp_path / "dask", workers=0) as dask:
         dask.workers.append(dask.add_worker(threads=2))
         with connected(dask.address) as client:
-            with pytest.raises(StudyError, match=r"has 2 threads, .* --nthreads 1"):
+            with pytest.raises(StudyError, match=r"has 2 threads and .* --nthreads 1"):
                 bench.run(cluster=DaskCluster(client))
     assert bench.worked_on == []
 
@@ -150,7 +149,7 @@ def test_workers_that_are_all_lost_end_the_run_after_a_while(tmp_path: Path, ben
         work = partial(hold, begun, tmp_path / "ended", 60.0)
         workers = DaskCluster(client, wait_s=2.0)
         with dask.killed_when(dask.workers[0], begun.exists):
-            with pytest.raises(StudyError, match="no worker left"):
+            with pytest.raises(StudyError, match="no workers left"):
                 map_cases([CaseTask("a", "key", work)], tmp_path / "stage", workers)
 
 
@@ -161,7 +160,7 @@ def test_a_worker_without_the_program_is_named(tmp_path: Path, bench: Bench) -> 
         dask.workers.append(dask.add_worker(paths=str(tmp_path)))
         with connected(dask.address) as client:
             with pytest.raises(
-                StudyError, match=r"worker tcp.* can't load the program: .*nothing of it"
+                StudyError, match=r"worker tcp.* can't import ssm_pipeline: .*nothing of it"
             ):
                 bench.run(cluster=DaskCluster(client))
 
@@ -184,7 +183,7 @@ def test_a_worker_that_sees_other_folders_or_has_other_versions_is_refused(
     with pytest.raises(StudyError, match=r"has numpy .*; this run has numpy 0\.1"):
         refuse(Here(tmp_path, ours | {"numpy": "0.1"}), Path("stage"))
     monkeypatch.setenv("OMP_NUM_THREADS", "4")
-    with pytest.raises(StudyError, match="OMP_NUM_THREADS=4; one is needed"):
+    with pytest.raises(StudyError, match=r"OMP_NUM_THREADS=4\. It must have 1 thread"):
         refuse(Here(tmp_path, ours), Path("stage"))
 
 
@@ -194,5 +193,5 @@ def test_files_that_never_show_up_here_end_the_run(
     """A worker whose folder has the same name and is another one."""
     monkeypatch.setattr(module, "SHARED_S", 1.0)
     done: Any = SimpleNamespace(result=lambda: "what a worker says")
-    with pytest.raises(StudyError, match=f"{os.sep}a does not show it: .* is not shared"):
+    with pytest.raises(StudyError, match=r"a\. Put the runs folder on a disk"):
         module._result(done, CaseTask("a", "key", lambda folder: {}), tmp_path)

@@ -95,7 +95,7 @@ def test_what_a_stage_left_is_of_its_own_files_and_its_cases_records(bench: Benc
 def test_the_folder_of_a_lost_owner_is_still_of_its_own_masks(bench: Bench) -> None:
     (run_folder(bench) / "study.json").unlink()
     (run_folder(bench) / "run.jsonl").unlink()
-    with pytest.raises(StudyError, match="nothing else says whose results"):
+    with pytest.raises(StudyError, match="log does not say which study"):
         bench.run()
 
 
@@ -103,7 +103,7 @@ def test_a_case_left_out_of_the_cohort_is_deleted_from_the_run(bench: Bench) -> 
     (bench.masks / "b.txt").unlink()
     write_masks(bench.masks, {"e": "5"})
     said = bench.run()
-    assert "1 case is no longer part of the study: deleted" in said
+    assert "1 case is no longer part of the study; the results were deleted" in said
     assert not (run_folder(bench) / "double" / "b").exists()
     assert bench.worked_on == ["e"]
     assert bench.sum == "26"
@@ -132,7 +132,7 @@ def test_no_damage_takes_back_who_withdrew(bench: Bench, content: str) -> None:
     bench.run()
     path = run_folder(bench) / WITHDRAWN_FILE
     path.write_text(content)
-    with pytest.raises(StudyError, match="says which cases were withdrawn"):
+    with pytest.raises(StudyError, match="lists the cases that were withdrawn"):
         bench.run()
     assert path.read_text() == content
     assert bench.worked_on == []

@@ -133,7 +133,7 @@ def test_after_a_kill_the_next_run_goes_on_with_the_case_it_hit(bench: Bench) ->
 
 def test_a_killed_worker_is_explained_and_the_next_run_goes_on(bench: Bench) -> None:
     write_masks(bench.masks, {"c": "kill"})
-    with pytest.raises(StudyError, match="want of memory"):
+    with pytest.raises(StudyError, match="because memory ran out"):
         bench.run(jobs=2)
     bench.run()
     assert "c" in bench.worked_on
@@ -252,7 +252,7 @@ def test_two_runs_at_a_time_in_one_folder_are_refused(bench: Bench) -> None:
     from ssm_pipeline.engine.ownership import alone_in
 
     with alone_in(bench.folder / "runs" / "toy"):
-        with pytest.raises(StudyError, match="another process is running"):
+        with pytest.raises(StudyError, match="another process is writing to"):
             bench.run()
     assert "[3/3]" in bench.run()
 

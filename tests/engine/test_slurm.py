@@ -75,7 +75,7 @@ def test_workers_are_slurm_jobs_that_end_with_the_run(slurm: Path, tmp_path: Pat
         ("workers: 2\nmemory: 4\n", "there is no setting memory. Did you mean memory_gb?"),
         ("workers: none\n", "workers: Input should be a valid integer"),
         ("partition: short\n", "workers: Field required"),
-        ("workers: [\n", "is not readable as YAML"),
+        ("workers: [\n", "can't be read as YAML"),
         ("", "holds no settings"),
     ],
 )
@@ -89,7 +89,7 @@ def test_a_job_that_slurm_refuses_ends_the_run_before_it_begins(
     slurm: Path, tmp_path: Path
 ) -> None:
     (slurm / "sbatch").write_text("#!/bin/sh\necho Invalid account >&2\nexit 1\n")
-    with pytest.raises(StudyError, match=r"(?s)Slurm does not take the job: .*Invalid account"):
+    with pytest.raises(StudyError, match=r"(?s)Slurm rejects the job: .*Invalid account"):
         cluster_at(write_yaml(tmp_path, "workers: 1\ninterface: lo\n"), Terminal()).__enter__()
 
 
@@ -99,5 +99,5 @@ def test_a_missing_file_and_a_missing_sbatch_are_said(
     with pytest.raises(StudyError, match="there is no such file"):
         cluster_at(str(tmp_path / "slurm.yaml"), Terminal()).__enter__()
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(StudyError, match="there is no command sbatch here"):
+    with pytest.raises(StudyError, match="the command sbatch was not found"):
         cluster_at(write_yaml(tmp_path, "workers: 1\n"), Terminal()).__enter__()

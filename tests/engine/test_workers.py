@@ -34,7 +34,7 @@ def test_a_case_that_wants_more_memory_ends_the_run_and_is_not_dropped(
     tasks = [CaseTask("small", "key", partial(take_memory, 10))]
     tasks += [CaseTask("large", "key", partial(take_memory, 3000))]
     with pytest.raises(
-        StudyError, match=r"case large: .* no more memory at .* GB \(--memory-gb 2\)"
+        StudyError, match=r"case large: .* ran out of memory at .* GB \(--memory-gb 2\)"
     ):
         map_cases(tasks, tmp_path / "stage", capped)
     done: list[str] = []

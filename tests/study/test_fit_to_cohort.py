@@ -34,7 +34,9 @@ def test_a_template_that_is_no_case_is_refused_and_the_nearest_named() -> None:
 @pytest.mark.parametrize("folds", [1, 2, 6])
 def test_folds_that_leave_no_model_are_refused(folds: int) -> None:
     """Two folds of five cases leave two; three folds leave three."""
-    with pytest.raises(StudyError, match=rf"evaluation\.folds is {folds}, of 5 cases"):
+    with pytest.raises(
+        StudyError, match=rf"evaluation\.folds is {folds}, but the study has 5 cases"
+    ):
         refuse_what_cannot_fit(settings_with(evaluation={"folds": folds}), COHORT)
 
 
@@ -51,7 +53,7 @@ def cohort_of_files(folder: Path, contents: Mapping[str, str]) -> Cohort:
 
 def test_copies_of_one_file_are_refused_with_the_lines_that_exclude_them(tmp_path: Path) -> None:
     copied = cohort_of_files(tmp_path, {"a": "1", "b": "2", "c": "3", "007": "2", "e": "22"})
-    with pytest.raises(StudyError, match="1 of 5 cases are copies") as refused:
+    with pytest.raises(StudyError, match="of 5 cases, 1 is a copy") as refused:
         refuse_copies(copied)
     assert str(refused.value).endswith('data:\n  exclude:\n    "007": "copy of b"')
     lines = str(refused.value)[str(refused.value).index("data:") :]

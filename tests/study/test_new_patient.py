@@ -38,6 +38,8 @@ def test_a_label_counts_where_the_study_has_a_threshold(two_labels: Path) -> Non
 
 def test_a_study_on_segments_asks_which_label_of_a_plain_image(two_labels: Path) -> None:
     data = MaskFolderData(folder=two_labels.parent, segments=("liver",))
-    with pytest.raises(StudyError, match=r"segments liver, and new\.nii\.gz names none.*--label"):
+    with pytest.raises(
+        StudyError, match=r"segments liver, but new\.nii\.gz has no named segments.*--label"
+    ):
         read_patient(two_labels, data)
     assert voxels(two_labels, data, HowToRead(labels=(3,))) == 200
