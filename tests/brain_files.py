@@ -6,7 +6,8 @@ from pathlib import Path
 
 import nibabel as nib
 import numpy as np
-from nibabel.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage, GiftiMetaData
+from nibabel.freesurfer.io import write_geometry
+from nibabel.gifti.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage, GiftiMetaData
 
 TILTED = np.array([[-0.8, 0.6, 0], [0, 0, -1.0], [0.6, 0.8, 0]])  # rows: xras, yras, zras
 CENTRE = np.array([5.0, -7.0, 11.0])
@@ -27,7 +28,7 @@ def write_freesurfer(
     if axes is not None:
         rows = dict(zip(("xras", "yras", "zras", "cras"), [*axes, CENTRE], strict=True))
     arguments = None if axes is None else volume | rows
-    nib.freesurfer.write_geometry(path, vertices, faces, "created by a test", arguments)
+    write_geometry(path, vertices, faces, "created by a test", arguments)
     return path
 
 

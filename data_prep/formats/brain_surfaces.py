@@ -37,7 +37,7 @@ def read_freesurfer(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     Source: FreeSurfer, `utils/mrisurf_io.cpp` and `MRIxfmCRS2XYZtkreg`.
     """
-    import nibabel.freesurfer
+    from nibabel.freesurfer.io import read_geometry
 
     content = path.read_bytes()
     counts_at = content.find(b"\n\n", 3, _LONGEST_NOTE) + 2
@@ -52,7 +52,7 @@ def read_freesurfer(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of files without a volume; these are refused below
-            vertices, faces, volume = nibabel.freesurfer.read_geometry(path, read_metadata=True)
+            vertices, faces, volume = read_geometry(path, read_metadata=True)
         vertices, faces = np.asarray(vertices, float), np.asarray(faces, np.int64)
         tag = struct.unpack(">ii", content[end : end + 8]) if len(content) >= end + 8 else None
         if tag != _REAL_RAS:
@@ -80,7 +80,7 @@ def read_gifti(path: Path) -> tuple[np.ndarray, np.ndarray]:
         UnreadableSurface: For a file that is damaged or does not hold one surface.
     """
     import nibabel
-    from nibabel.gifti import GiftiImage
+    from nibabel.gifti.gifti import GiftiImage
 
     try:
         image = GiftiImage.from_filename(path)
