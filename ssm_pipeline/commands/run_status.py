@@ -20,6 +20,7 @@ from ssm_pipeline.engine.run_log import read_events
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.engine.terminal import duration
 from ssm_pipeline.records import StudyError
+from ssm_pipeline.runs.former_results import former_results
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def status_lines(run_folder: Path) -> list[str]:
             because = str(events[-1].get("error", "")).splitlines()
             lines.append(f"because: {because[0] if because else 'the log gives no reason'}")
     elif finished:
-        lines.append("finished")
+        lines += ["finished", *former_results(run_folder)]
     else:  # its stages were deleted, as by `workflow forget`
         lines = ["no stage is finished. Run the study again: workflow run"]
     if work is not None:

@@ -10,6 +10,7 @@ from ssm_pipeline.engine.ownership import alone_in
 from ssm_pipeline.engine.stage import StageRecord
 from ssm_pipeline.engine.terminal import Terminal
 from ssm_pipeline.records import DamagedFile, StudyError
+from ssm_pipeline.runs.former_results import former_results
 
 
 def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bool:
@@ -42,6 +43,8 @@ def verify_run(run_folder: Path, terminal: Terminal, remove: bool = False) -> bo
             if remove:
                 undo(error.path, run_folder)
     if not damaged:
+        for line in former_results(run_folder):
+            terminal.detail(line)
         terminal.say(
             f"{run_folder}: {counted(files, 'file')} of {looked_at} of "
             f"{counted(len(stages), 'stage')} and of their cases are unchanged"

@@ -18,6 +18,7 @@ from ssm_pipeline.engine.stage import Outcome, StageRecord
 from ssm_pipeline.methods import FULL
 from ssm_pipeline.report.settings import ReportSettings
 from ssm_pipeline.runs.context import Context, run_of
+from ssm_pipeline.runs.former_results import former_results
 from ssm_pipeline.runs.landmark_file import landmarks_on_template
 from ssm_pipeline.runs.layout import LOSSES, REPORT_PAGE
 from ssm_pipeline.runs.run import Run
@@ -43,6 +44,8 @@ def report_dependencies(settings: StudySettings) -> dict[str, Any]:
 def write_report(context: Context) -> Outcome:
     """index.html: the page, one file."""
     _write_page(run_of(context), context.settings.report)
+    for line in former_results(context.run_folder):
+        context.terminal.detail(line)
     return Outcome(context.case_keys)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import webbrowser
 from pathlib import Path
@@ -14,7 +15,9 @@ from command_line import Workflow
 from ssm_pipeline import load_run, storage
 from ssm_pipeline.baselines.s3m import epochs
 from ssm_pipeline.evaluation.model_quality import held_out_folds
+from ssm_pipeline.export.comparison_files import ABOUT_FILE
 from ssm_pipeline.records import CorrespondedShapes, Metrics
+from ssm_pipeline.runs.former_results import former_results
 from ssm_pipeline.training import train
 
 
@@ -23,6 +26,29 @@ def run_copy(tiny_run: Path, tmp_path: Path) -> Path:
     copy = tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)
     return copy
+
+
+def test_figures_and_comparisons_of_a_former_model_are_named(
+    workflow: Workflow, run_copy: Path
+) -> None:
+    assert workflow("figures", "luna16").code == 0
+    key = load_run(run_copy).model_key
+    about = run_copy / "compare" / "age" / ABOUT_FILE
+    storage.write_json(about, {"model_key": key, "formula": "~ age"})
+    for command in ("status", "verify"):
+        assert "former model" not in workflow(command, str(run_copy)).stdout
+    model = load_run(run_copy).model
+    dataclasses.replace(model, mean=model.mean + 1).save(run_copy / "shape_model" / "model.npz")
+    lines = former_results(run_copy)
+    assert len(lines) == 2
+    assert "figures shows a former model" in lines[0]
+    assert "workflow figures luna16" in lines[0]
+    assert str(about.parent) in lines[1]
+    assert '"~ age"' in lines[1]
+    said = workflow("status", str(run_copy)).stdout
+    assert all(line in said for line in lines)
+    assert workflow("figures", "luna16").code == 0
+    assert len(former_results(run_copy)) == 1
 
 
 def test_evaluate_scores_again_and_only_that(workflow: Workflow, run_copy: Path) -> None:
