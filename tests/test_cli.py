@@ -116,7 +116,7 @@ def test_init_on_surfaces_segments_and_probability_maps(
     [
         (("--masks", "{masks}", "--label", "0"), "label 0 is the background"),
         (("--masks", "{masks}"), "give only one of --label, --segment and --threshold"),
-        (("--masks", "{masks}", "--label", "1", "--segment", "liver"), "say once"),
+        (("--masks", "{masks}", "--label", "1", "--segment", "liver"), "give only one of"),
         (("--masks", "{masks}", "--meshes", "{masks}"), "give one folder"),
         ((), "give one folder"),
         (("--masks", "{masks}", "--label", "3", "--pattern", "/etc/*"), "the pattern '/etc/*'"),

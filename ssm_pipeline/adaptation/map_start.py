@@ -41,12 +41,13 @@ def map_start(
     edges = Edges.of(rest, laplacian)
     stiffness = edges.laplacian(len(rest))
     half = 0.5 * map_weight * mass  # half the gradient of each term is what is solved
+    weak = 1e-9 * np.where(half > 0, half, half.mean())  # a vertex without a triangle has no mass
     x, robust = targets, np.ones(len(rest))
     for _ in range(ALTERNATIONS):
         pull = half * robust
         right = edges.divergence(best_rotations(edges, x)) + pull[:, None] * targets
         # Where every target lost its weight a piece could drift: keep the factor regular.
-        regular = pull + 1e-9 * half
+        regular = pull + weak
         factor = splu(
             (stiffness + sp.diags(regular)).tocsc(),
             permc_spec="MMD_AT_PLUS_A",

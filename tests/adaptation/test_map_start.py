@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 from shapes import bar_mesh, basis_of, bent_bar, blob
 
@@ -34,6 +35,17 @@ def start_of(basis: Any, targets: Any, weight: Any = MU) -> np.ndarray:
 def test_exact_on_a_rigid_motion(basis: Any) -> None:
     goal = TURN.apply(basis.vertices) + np.array([0.3, 0.1, -2.0])
     np.testing.assert_allclose(start_of(basis, goal), goal, atol=1e-9)
+
+
+def test_a_vertex_without_a_triangle_stays_at_its_target(bar: Any) -> None:
+    """It has neither mass nor edges; the other vertices do not notice it."""
+    goal = bent_bar(bar.vertices)
+    more = sp.block_diag([bar.laplacian, sp.csr_matrix((1, 1))]).tocsr()
+    rest, targets = (np.vstack([points, [[3.0, 0, 0]]]) for points in (bar.vertices, goal))
+    with_it = map_start(rest, targets, more, np.append(bar.mass, 0.0), 30.0)
+    np.testing.assert_allclose(with_it[-1], targets[-1])
+    alone = map_start(bar.vertices, goal, bar.laplacian, bar.mass, 30.0)
+    np.testing.assert_allclose(with_it[:-1], alone, atol=1e-6)
 
 
 def test_near_a_bent_bar_whose_map_is_exact_and_nearer_with_more_weight(bar: Any) -> None:
