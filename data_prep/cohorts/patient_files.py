@@ -11,7 +11,12 @@ from ssm_pipeline.data_prep.cohorts.case_names import told_apart
 from ssm_pipeline.data_prep.cohorts.selection import why_unusable
 from ssm_pipeline.data_prep.formats.image_files import image_stem, is_image
 from ssm_pipeline.data_prep.formats.segments import is_segmentation
-from ssm_pipeline.data_prep.formats.surface_files import SURFACE_FORMATS, is_surface, surface_stem
+from ssm_pipeline.data_prep.formats.surface_files import (
+    SUFFIXES,
+    SURFACE_FORMATS,
+    is_surface,
+    surface_stem,
+)
 from ssm_pipeline.records import Dropped, StudyError
 
 
@@ -75,4 +80,5 @@ def _is_shape(path: Path) -> bool:
 
 
 def _stem(path: Path) -> str:
-    return surface_stem(path) if is_surface(path) else image_stem(path)
+    is_named = path.suffix.lower() in SUFFIXES  # also where there is no such file
+    return surface_stem(path) if is_named or is_surface(path) else image_stem(path)

@@ -193,7 +193,9 @@ def test_by_matcher_the_template_is_laid_on_the_patient(
     said = workflow(*words)
     assert said.code == 0, said.stderr
     assert "has 4 cases of 4 patients, but 6 or more are needed to judge" in said.stdout
-    assert "Beside 20 shapes drawn from the model" in Path("fits/index.html").read_text("utf-8")
+    assert "Compared with 20 shapes drawn from the model" in Path("fits/index.html").read_text(
+        "utf-8"
+    )
     table = pd.read_csv("fits/fits.csv")
     assert list(table["case_id"]) == ["ball_4", "ball_2"]
     assert set(table["by"]) == {"matcher"}
@@ -205,7 +207,7 @@ def test_what_cannot_be_fitted_is_refused(workflow: Workflow, run: Path) -> None
     Path("a.txt").write_text("none")
     for words, message in (
         (("a.txt",), "no patient could be fitted"),
-        (("a.ply", "x/a.stl"), "two files are called a"),
+        (("a.ply", "x/a.stl", "b.ply"), "two files are called a"),
         (("z.seg.nrrd", "z.nrrd"), "two files are called z"),
         (("1.3.6.1.nii.gz", "1.3.6.2.nii.gz"), "no patient could be fitted"),  # and not doubled
         (("a.ply", "--by", "magic"), "--by magic: model or matcher is needed"),
@@ -318,7 +320,7 @@ def test_copies_are_one_patient_and_are_not_compared(
     pd.DataFrame({"case_id": IDS, "age": np.linspace(40, 70, 12)}).to_csv("a.csv", index=False)
     refused = workflow("compare", str(own), "--covariates", "a.csv", "--formula", "~ age")
     assert refused.code == 1
-    assert "1 of the 12 cases" in refused.stderr
+    assert "holds 1 copy among its 12 cases" in refused.stderr
     assert f'"{IDS[7]}": "copy of {IDS[2]}"' in refused.stderr
 
 

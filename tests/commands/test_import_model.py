@@ -34,7 +34,7 @@ def saved(path: Path, scale: float) -> ShapeModel:
 def test_a_model_in_micrometres_is_refused_unless_its_unit_is_given(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     model = saved(path, 1000.0)
-    with pytest.raises(StudyError, match=r"is 6\.93e\+04 across.*Pass --unit um"):
+    with pytest.raises(StudyError, match=r"is 6\.93e\+04 across.*pass --unit um"):
         import_model(path, None, tmp_path / "runs", (1,))
     run = load_run(import_model(path, None, tmp_path / "runs", (1,), "um"))
     np.testing.assert_allclose(run.model.mean, model.mean)

@@ -227,7 +227,9 @@ def test_a_folder_of_other_masks_is_refused(bench: Bench) -> None:
     other = Bench(bench.folder)
     other.masks = bench.folder / "other"
     write_masks(other.masks, {"w": "5", "x": "10", "y": "20", "z": "30"})
-    with pytest.raises(StudyError, match=r"holds results of the masks in .*masks; .* in .*other"):
+    with pytest.raises(
+        StudyError, match=r"results of the masks in .*masks, but this run uses .*other"
+    ):
         other.run()
     assert bench.sum == "20"
 

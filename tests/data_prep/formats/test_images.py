@@ -245,7 +245,9 @@ def test_a_mask_in_another_unit_is_refused_unless_its_unit_is_given(
     if unit is None:
         assert read_organ(path, (1,), "a").warnings == ()
         return
-    with pytest.raises(CaseError, match=rf"case a: the liver in a\.\w.* Set data\.unit to {unit} "):
+    with pytest.raises(
+        CaseError, match=rf"case a: the liver in a\.\w.* Set data\.unit to {unit}, or mm"
+    ):
         read_organ(path, (1,), "a", "liver")
     mask = read_organ(path, (1,), "a", unit=unit)
     np.testing.assert_allclose(mask.spacing_mm, np.multiply(spacing, MM_OF[unit]), rtol=1e-5)
