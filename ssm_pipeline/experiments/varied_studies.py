@@ -25,7 +25,7 @@ def run_varied(
 
     Args:
         name: Of the run's folder.
-        title: What is said before it starts.
+        title: The line that is printed before it starts.
         changes: Section of the settings → its new value.
     """
     terminal.say(title)

@@ -201,7 +201,7 @@ def test_a_mask_without_the_organ_is_dropped_and_named_in_the_report(tmp_path: P
     assert "ball_nobody" in (run.folder / "report" / "index.html").read_text(encoding="utf-8")
 
 
-def test_more_interpolations_match_nothing_anew(tiny_run: Path, tmp_path: Path) -> None:
+def test_more_interpolations_match_no_pair_again(tiny_run: Path, tmp_path: Path) -> None:
     """A choice of display: the correspondences stay, and fewer paths leave none behind."""
     masks, copy = tiny_run.parent.parent / "masks", tmp_path / "runs" / tiny_run.name
     shutil.copytree(tiny_run, copy)
